@@ -61,6 +61,16 @@ COLUMNS = {
         "effectivity": "{effectivity:.2f}",
         "corrected": "{corrected:.2f}",
     },
+    "studies/effectivity/hertz_truth.csv": {
+        "displacements": "{line}",
+        "unknowns": "{dofs:,}",
+        "estimated": "{estimate:.2%}",
+        "true": "{true_error:.2%}",
+        "effectivity": "{effectivity:.2f}",
+        "$e N^{2/3}$": "{constant:.1f}",
+        "cells at the edge": "{edge_cells:,}",
+        "their share of $e^2$": "{edge_share:.0%}",
+    },
     "studies/effectivity/cad.csv": {
         "scene": "{scene}",
         "tolerance": "{tolerance:.0%}",

@@ -33,15 +33,20 @@ RADIUS, YOUNG, MOVED = 1.0, 1.0, 0.005
 CONTACT = 0.0716
 
 
-def half_disc(cells):
-    """A quarter of a disc, the section of the half-sphere, in curved triangles: so many along the contact's radius."""
+def half_disc(cells, at_edge=None):
+    """A quarter of a disc, the section of the half-sphere, in curved triangles: so many along the contact's radius.
+
+    With `at_edge`, cells grow from this size at the edge of the contact.
+    """
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     try:
         geo, fine = gmsh.model.geo, CONTACT / cells
         pole, centre, rim = (geo.addPoint(r, z, 0) for r, z in ((0, 0), (0, RADIUS), (RADIUS, RADIUS)))
-        arc = geo.addCircleArc(pole, centre, rim)
-        loop = geo.addCurveLoop([arc, geo.addLine(rim, centre), geo.addLine(centre, pole)])
+        edge = [] if at_edge is None else [geo.addPoint(CONTACT, RADIUS - np.sqrt(RADIUS**2 - CONTACT**2), 0)]
+        points = [pole, *edge, rim]
+        arcs = [geo.addCircleArc(one, centre, two) for one, two in zip(points, points[1:])]
+        loop = geo.addCurveLoop([*arcs, geo.addLine(rim, centre), geo.addLine(centre, pole)])
         surface = geo.addPlaneSurface([loop])
         geo.synchronize()
         gmsh.model.addPhysicalGroup(2, [surface], 1)
@@ -55,6 +60,7 @@ def half_disc(cells):
             "DistMax": 1.0,
         }.items():
             gmsh.model.mesh.field.setNumber(size, name, value)
+        size = size if at_edge is None else _graded(size, edge, at_edge)
         gmsh.model.mesh.field.setAsBackgroundMesh(size)
         for option in ("MeshSizeExtendFromBoundary", "MeshSizeFromPoints", "MeshSizeFromCurvature"):
             gmsh.option.setNumber(f"Mesh.{option}", 0)
@@ -63,6 +69,16 @@ def half_disc(cells):
         return gmsh_models.model_to_mesh(gmsh.model, MPI.COMM_SELF, 0, gdim=2)[0]
     finally:
         gmsh.finalize()
+
+
+def _graded(size, edge, least):
+    """The least of a field of sizes and one that grows from points."""
+    field = gmsh.model.mesh.field
+    distance, grown, both = field.add("Distance"), field.add("MathEval"), field.add("Min")
+    field.setNumbers(distance, "PointsList", edge)
+    field.setString(grown, "F", f"{least} + 0.1 * F{distance}")
+    field.setNumbers(both, "FieldsList", [size, grown])
+    return both
 
 
 def solved(poisson: float, mesh: Mesh) -> tuple[fem.Function, float, float]:

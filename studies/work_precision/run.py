@@ -1,10 +1,11 @@
 """Error against run time: what do degree 2, adaptive refinement and curved cells buy, and is what was promised kept?
 
 Every point is a command, printed in the tables. Times are those of all steps without compilation, medians of the
-repetitions. Errors are true errors: against references that do not come from this program, and in the energy norm
-against over-refined solutions. Runs that fail are shown as failed. An interrupted study goes on where it stopped.
+repetitions. Errors are true errors, against references that do not come from this program; energy errors of HERTZ-A are
+those of `studies.effectivity.hertz_truth`, as kept. Runs that fail are shown as failed. An interrupted
+study goes on where it stopped.
 
-    python3 -m studies.work_precision.run              # all points: 25 minutes on two cores
+    python3 -m studies.work_precision.run              # all points: 20 minutes on two cores
     python3 -m studies.work_precision.run --quick      # the small ones, each once: 2 minutes
     python3 -m studies.work_precision.run --plot-only  # tables and plots of the runs that are there
 
@@ -20,7 +21,7 @@ from studies.runs import RunFailed, cpu, run, wall
 from studies.tables import TABLES, machine, write
 from studies.work_precision.figures import draw
 from studies.work_precision.points import points
-from studies.work_precision.tables import medians, promises, rows
+from studies.work_precision.tables import medians, promises, rows, true_errors_of_hertz
 
 REPEATS = 3
 #: A run that took longer than this is not repeated; one that takes longer than the other is stopped [s].
@@ -32,8 +33,7 @@ def one_run(point, repeat, folder):
     record = {"command": point.case.command, "repeat": repeat, "date": time.strftime("%Y-%m-%d %H:%M:%S")}
     record |= {"machine": machine()}
     try:
-        case = point.timing if repeat else point.case
-        steps, seconds = run(case, folder / "runs" / case.name, _LIMIT)
+        steps, seconds = run(point.case, folder / "runs" / point.case.name, _LIMIT)
     except RunFailed as error:
         return record | {"failed": str(error)}
     last = {
@@ -103,7 +103,7 @@ def main():
     if not arguments.plot_only:
         measure(wanted, folder, arguments.repeats or (1 if arguments.quick else REPEATS))
     runs = load(folder / "runs.jsonl")
-    found = medians(wanted, runs)
+    found = medians(wanted, runs, true_errors_of_hertz())
     if not found:
         options.error(f"there are no runs in {folder}")
     made_by = None  # this command

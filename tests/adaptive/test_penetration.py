@@ -80,6 +80,11 @@ def test_contact_surface_that_is_too_small(degree, turn):
     assert not found(stack(gap=0.019, covered=0.5, down=0.0185), degree=degree).keys() - {"no contact"}
 
 
+def test_bodies_that_come_from_afar():
+    """A hundred times their size: 1 % of the way is the thickness of a body."""
+    assert not found(stack(gap=100.0, down=100.001), allow=("large strain", "large rotation"))
+
+
 def test_bodies_of_different_meshes():
     """A ball that rests on a block by a small tie passes into it beside; without motion it does not."""
     foot = ball(0.5, 2, order=3).shifted(0.5, 0.5, 1.5)

@@ -19,8 +19,9 @@ from fx_contact.problem.leaf_facets import LeafFacets
 from fx_contact.problem.obstacles import RigidSurface
 from fx_contact.problem.scene import Scene
 
-#: Least penetration, relative to the largest displacement [-]: as accurate as displacements are at a loose tolerance.
-_LEAST = 0.01
+#: Least penetration, relative to the largest displacement, as accurate as displacements are at a loose tolerance; at most
+#: relative to the side of the leaf facet, as bodies may move by many of them [-].
+_LEAST, _OF_FACET = 0.01, 0.1
 
 
 class _Facets(NamedTuple):
@@ -40,7 +41,8 @@ class _Facets(NamedTuple):
 def penetrations(state: SolvedState) -> list[ModelWarning]:
     """Bodies and obstacles inside of which a body has moved, the same on all ranks.  Collective on state.forest.comm.
 
-    The middle of a boundary facet counts, less 1 % of the largest displacement along the inward normal.
+    The middle of a boundary facet counts, less 1 % of the largest displacement along the inward normal, at most a tenth
+    of the side of the facet.
     """
     scene, comm = state.scene, state.forest.comm
     displacement = state.solution.displacement
@@ -80,7 +82,7 @@ def _near(scene: Scene, largest: float) -> BoolArray:
 
 
 def _facets(state: SolvedState, nodal: FloatArray, depth: float) -> _Facets:
-    """Boundary facets, with points a depth [m] below their middles, from displacements (m, 3) at the nodes."""
+    """Boundary facets, with points at most a depth [m] below their middles, from displacements (m, 3) at the nodes."""
     scene, forest, space = state.scene, state.forest, state.elasticity.prolongation.space
     mesh, surfaces = scene.mesh, scene.contact_surfaces
     joined = (surfaces.contact >= 0) & (surfaces.contact < scene.joins)
@@ -89,7 +91,8 @@ def _facets(state: SolvedState, nodal: FloatArray, depth: float) -> _Facets:
     at = LeafFacets.of_leaves(mesh, cell, forest.level[leaf], forest.anchor[leaf], face).at(
         np.full((len(leaf), 1, 2), 0.5)
     )
-    before = at.position[:, 0] - depth * at.normal[:, 0]
+    sides = np.sqrt(at.jacobian[:, 0])
+    before = at.position[:, 0] - np.minimum(depth, _OF_FACET * sides)[:, None] * at.normal[:, 0]
     middle = hexahedron.lagrange(space.degree, np.array([0.5]))[0]
     moved = np.einsum("k,nkd->nd", np.kron(middle, middle), nodal[space.on_faces(leaf, face)])
     return _Facets(leaf, mesh.body[cell].astype(np.int64), before, before + moved)
