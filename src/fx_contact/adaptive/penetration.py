@@ -19,7 +19,7 @@ from fx_contact.problem.leaf_facets import LeafFacets
 from fx_contact.problem.obstacles import RigidSurface
 from fx_contact.problem.scene import Scene
 
-#: Least penetration, relative to the largest displacement, as accurate as displacements are at a loose tolerance; at most
+#: Least penetration, relative to the largest displacement, as accurate as that is at a loose tolerance; at most
 #: relative to the side of the leaf facet, as bodies may move by many of them [-].
 _LEAST, _OF_FACET = 0.01, 0.1
 
