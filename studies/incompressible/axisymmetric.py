@@ -33,10 +33,10 @@ RADIUS, YOUNG, MOVED = 1.0, 1.0, 0.005
 CONTACT = 0.0716
 
 
-def half_disc(cells, at_edge=None):
+def half_disc(cells, far=0.1, at_edge=None):
     """A quarter of a disc, the section of the half-sphere, in curved triangles: so many along the contact's radius.
 
-    With `at_edge`, cells grow from this size at the edge of the contact.
+    They grow to the size `far`; with `at_edge`, also from this size at the edge of the contact.
     """
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
@@ -55,7 +55,7 @@ def half_disc(cells, at_edge=None):
         for name, value in {
             "InField": distance,
             "SizeMin": fine,
-            "SizeMax": 0.1,
+            "SizeMax": far,
             "DistMin": 1.5 * CONTACT,
             "DistMax": 1.0,
         }.items():

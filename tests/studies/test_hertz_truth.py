@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="the study is a serial pr
 
 def test_true_errors():
     """Near the estimates, of all cells and of those at the edge of the contact."""
-    truth, step = Truth(20, 1e-3), solve(hertz(displacement=0.01, order=6, coarse=2), 0.05)
+    truth, step = Truth(20, 0.1, 1e-3), solve(hertz(displacement=0.01, order=6, coarse=2), 0.05)
     assert abs(truth.force / 5.37755e-4 - 1) < 1e-5
     squared, total = errors(step, truth)
     edge, estimated = at_edge(step), step.estimate.error**2
