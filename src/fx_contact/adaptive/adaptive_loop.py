@@ -202,7 +202,8 @@ class Run:
         return self
 
     def __repr__(self) -> str:
-        return "\n".join([self._caption(), table_head(), *map(table_row, self.records)])
+        told = (f"{one.kind}: {one.message}" for record in self.records[-1:] for one in record.doubts)
+        return "\n".join([self._caption(), table_head(), *map(table_row, self.records), *told])
 
     def _repr_html_(self) -> str:
         return html_table(self._caption(), self.records)

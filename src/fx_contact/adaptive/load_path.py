@@ -15,6 +15,7 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint, CheckpointWriter, State
 from fx_contact.adaptive.checkpoint_file import CheckpointFile
 from fx_contact.adaptive.step import Step
+from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import html_table, table_head, table_row
 from fx_contact.adaptive.sweep_record import SweepRecord, write_sweep
 from fx_contact.estimate.effectivity import RefinementHistory
@@ -70,8 +71,8 @@ def sweep(
         options: of `adapt`, for each point; a `beginning` is for points that begin anew.
 
     Raises:
-        SceneError: values are no finite numbers, arguments differ between ranks, the scenes of the first two values
-            are the same, or as `adapt`.
+        SceneError: values are no finite numbers, arguments differ between ranks, all scenes are the same, or as
+            `adapt`.
         CheckpointError: there is nothing to restart from, or it is of other values, another problem or other options.
         OutputError: the folder cannot be written, or has the checkpoint of another run.
         FxContactError: as `adapt`, while a point is solved.
@@ -113,6 +114,10 @@ class SweepPoint:
     step: Step
     record: SweepRecord
 
+    def __getattr__(self, name: str) -> Any:
+        meant = f"; did you mean `step.record.{name}` of it?" if name in StepRecord.__dataclass_fields__ else ""
+        raise AttributeError(f"a SweepPoint has no attribute {name!r}{meant}", name=name)
+
     def __str__(self) -> str:
         return str(self.record)
 
@@ -141,7 +146,8 @@ class Sweep:
         self._writer: CheckpointWriter | None = None
         self._before: Checkpoint | None = None  # to restart from
         self._last: State | None = None  # of the last point
-        self._first: dict[str, Any] | None = None  # the problem of the first point
+        self._first: dict[str, Any] | None = None  # problem of the first point
+        self._alike = not restart  # all problems so far
         if restart and folder is not None:
             self._resume(folder)
 
@@ -155,7 +161,8 @@ class Sweep:
 
     def __repr__(self) -> str:
         rows = (f"{point.value:>11.5g}  {table_row(point.record)}" for point in self.records)
-        return "\n".join([self._caption(), f"{'value':>11}  {table_head()}", *rows])
+        told = (f"at {p.value:g}: {one.kind}, {one.message}" for p in self.records for one in p.record.doubts)
+        return "\n".join([self._caption(), f"{'value':>11}  {table_head()}", *rows, *told])
 
     def _repr_html_(self) -> str:
         """Table in notebooks."""
@@ -225,19 +232,16 @@ class Sweep:
             about = run.settings.problem, run.settings.fixed(), self._before
             self._writer = CheckpointWriter(self._folder, self._comm, *about)
         with together(self._comm):
-            self._check_second(run.settings.problem)
+            self._check_varied(run.settings.problem)
         run.advance()
         return run
 
-    def _check_second(self, problem: dict[str, Any]) -> None:
-        """Raises SceneError if the scene of the second point is that of the first, and the values differ.  Local."""
-        one, two = (self._values * 2)[:2]
-        if len(self.records) == 1 and one != two and problem == self._first:
-            raise SceneError(
-                f"the scenes of the values {one:g} and {two:g} are the same: scene_of must use its argument"
-            )
-        if not self.records:
-            self._first = problem
+    def _check_varied(self, problem: dict[str, Any]) -> None:
+        """Raises SceneError before the last point if all scenes are the same, and the values are not.  Local."""
+        self._alike &= problem == (self._first or problem)
+        self._first = self._first or problem
+        if self._alike and len(self.records) + 1 == len(self._values) and len({*self._values}) > 1:
+            raise SceneError("the scenes of all values are the same: scene_of must use its argument")
 
     def _resume(self, folder: Path) -> None:
         """Continue after the last point in the folder.  Collective."""

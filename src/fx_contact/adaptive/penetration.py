@@ -19,20 +19,28 @@ from fx_contact.problem.leaf_facets import LeafFacets
 from fx_contact.problem.obstacles import RigidSurface
 from fx_contact.problem.scene import Scene
 
-#: Least penetration, relative to the largest displacement, as accurate as that is at a loose tolerance; at most
-#: relative to the side of the leaf facet, as bodies may move by many of them [-].
-_LEAST, _OF_FACET = 0.01, 0.1
+#: Least penetration, relative to the largest displacement, and at most relative to the side of the leaf facet, since
+#: bodies may move by many of them [-].  The surface beside a sharp-edged punch that goes 0.05 deep is drawn below it by
+#: less, as contact does not follow sliding (`test_edges_of_contact`).
+_LEAST, _OF_FACET = 0.1, 0.1
+#: Coordinates of the samples along a facet: near its corners, as the pole of a ball may be one, but not on edges, where
+#: bodies in contact meet; beside contact surfaces the middle alone.
+_SAMPLES = np.array([0.05, 0.5, 0.95])
+#: Part of the extent of a root cell's corners by which a curved cell may go beyond them [-].
+_MARGIN = 0.25
+#: Lagrange nodes of order 2 in the middles of the faces of a hexahedron.
+_MIDDLES = hexahedron.face_inner_nodes(2)[:, 0]
 
 
-class _Facets(NamedTuple):
-    """Facets of this rank's leaves on the boundary, beside the contact and tied surfaces.
+class _Samples(NamedTuple):
+    """Points of this rank's leaf facets on the boundary.
 
     Attributes:
-        leaf, body: (n,).
-        before, now: (n, 3), points below the middle of each, undeformed and deformed [m].
+        facet, body: (n,), position of the facet among all of the rank, and its body.
+        before, now: (n, 3), points below the facet, undeformed and deformed [m].
     """
 
-    leaf: Int64Array
+    facet: Int64Array
     body: Int64Array
     before: FloatArray
     now: FloatArray
@@ -41,25 +49,25 @@ class _Facets(NamedTuple):
 def penetrations(state: SolvedState) -> list[ModelWarning]:
     """Bodies and obstacles inside of which a body has moved, the same on all ranks.  Collective on state.forest.comm.
 
-    The middle of a boundary facet counts, less 1 % of the largest displacement along the inward normal, at most a tenth
-    of the side of the facet.
+    Samples of a boundary facet count if they are deeper than 10 % of the largest displacement, less the mean one, at
+    most a tenth of the side of the facet.
     """
     scene, comm = state.scene, state.forest.comm
     displacement = state.solution.displacement
-    largest = comm.allreduce(float(np.linalg.norm(displacement, axis=1).max(initial=0.0)), op=MPI.MAX)
-    near = _near(scene, largest)
+    sums = comm.allreduce(np.append(displacement.sum(axis=0), len(displacement)))
+    moved = np.linalg.norm(displacement - sums[:3] / sums[3], axis=1)
+    depth = _LEAST * comm.allreduce(float(moved.max(initial=0.0)), op=MPI.MAX)
     obstacles = [pair for pair in scene.contact if pair.obstacle is not None]
-    if not largest or not (near.any() or obstacles):
+    near = _near(scene, comm.allreduce(float(np.linalg.norm(displacement, axis=1).max(initial=0.0)), op=MPI.MAX))
+    if not depth or not (near.any() or obstacles):
         return []
-    prolongation = state.elasticity.prolongation
-    nodal = prolongation.prolong(displacement)
-    facets = _facets(state, nodal, _LEAST * largest)
+    nodal = state.elasticity.prolongation.prolong(displacement)
     found: dict[str, tuple[int, Point]] = {}
-    for names, inside in (*_in_bodies(state, nodal, facets, near), *_in_obstacles(state, facets)):
-        if inside.any():
-            here = facets.now[inside]
-            x, y, z = here[np.lexsort(here.T[::-1])[0]].tolist()
-            found[names] = len(here), (x, y, z)
+    inside = _in_bodies(state, nodal, depth, near) if near.any() else []
+    for names, samples in (*inside, *(_in_obstacles(state, nodal, depth) if obstacles else ())):
+        if len(samples.facet):
+            x, y, z = samples.now[np.lexsort(samples.now.T[::-1])[0]].tolist()
+            found[names] = len(np.unique(samples.facet)), (x, y, z)
     return _warnings(comm.allgather(found))
 
 
@@ -69,8 +77,10 @@ def _near(scene: Scene, largest: float) -> BoolArray:
     result = np.zeros(len(mesh.cells), dtype=bool)
     if len(mesh.bodies) == 1:
         return result
-    nodal = mesh.points[mesh.cells]
-    low, high = nodal.min(axis=1) - largest, nodal.max(axis=1) + largest
+    corners = mesh.points[mesh.corners]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    margin = _MARGIN * (high - low) + largest
+    low, high = low - margin, high + margin
     of = [np.flatnonzero(mesh.body == body) for body in range(len(mesh.bodies))]
     lows, highs = np.stack([low[c].min(axis=0) for c in of]), np.stack([high[c].max(axis=0) for c in of])
     for one, two in combinations(range(len(of)), 2):
@@ -81,54 +91,57 @@ def _near(scene: Scene, largest: float) -> BoolArray:
     return result
 
 
-def _facets(state: SolvedState, nodal: FloatArray, depth: float) -> _Facets:
-    """Boundary facets, with points at most a depth [m] below their middles, from displacements (m, 3) at the nodes."""
+def _samples(state: SolvedState, nodal: FloatArray, depth: float, of: BoolArray) -> _Samples:
+    """Samples at most a depth [m] below facets of root facets (ncells, 6), by displacements (m, 3) at the nodes."""
+    forest, space, mesh = state.forest, state.elasticity.prolongation.space, state.scene.mesh
+    leaf, face = forest.boundary_faces(np.argwhere(of & (mesh.face_neighbours == 1)))
+    cell, count = forest.cell[leaf], len(_SAMPLES) ** 2
+    uv = np.stack(np.meshgrid(_SAMPLES, _SAMPLES), axis=-1).reshape(count, 2)
+    facets = LeafFacets.of_leaves(mesh, cell, forest.level[leaf], forest.anchor[leaf], face)
+    at = facets.at(np.broadcast_to(uv, (len(leaf), count, 2)))
+    before = at.position - np.minimum(depth, _OF_FACET * np.sqrt(at.jacobian))[:, :, None] * at.normal
+    values = hexahedron.lagrange(space.degree, _SAMPLES)
+    moved = np.einsum("gk,nkd->ngd", np.kron(values, values), nodal[space.on_faces(leaf, face)])
+    facet, body = np.repeat([np.arange(len(leaf)), mesh.body[cell]], count, axis=1).astype(np.int64)
+    kept = ~_beside(state.scene)[cell, face][:, None] | (np.arange(count) == count // 2)
+    columns = facet, body, before.reshape(-1, 3), (before + moved).reshape(-1, 3)
+    return _Samples(*(column[kept.ravel()] for column in columns))
+
+
+def _beside(scene: Scene) -> BoolArray:
+    """Root facets (ncells, 6) with a corner on contact or tied surfaces."""
+    mesh = scene.mesh
+    corners = mesh.corners[:, hexahedron.FACE_CORNERS]
+    joined: BoolArray = np.zeros(len(mesh.points), dtype=bool)
+    joined[corners[scene.contact_surfaces.contact >= 0]] = True
+    return np.asarray(joined[corners].any(axis=2))
+
+
+def _in_bodies(state: SolvedState, nodal: FloatArray, depth: float, near: BoolArray) -> list[tuple[str, _Samples]]:
+    """Names of two bodies, and the samples of one that are inside of the other, and were not before."""
     scene, forest, space = state.scene, state.forest, state.elasticity.prolongation.space
-    mesh, surfaces = scene.mesh, scene.contact_surfaces
-    joined = (surfaces.contact >= 0) & (surfaces.contact < scene.joins)
-    leaf, face = forest.boundary_faces(np.argwhere((mesh.face_neighbours == 1) & ~joined))
-    cell = forest.cell[leaf]
-    at = LeafFacets.of_leaves(mesh, cell, forest.level[leaf], forest.anchor[leaf], face).at(
-        np.full((len(leaf), 1, 2), 0.5)
-    )
-    sides = np.sqrt(at.jacobian[:, 0])
-    before = at.position[:, 0] - np.minimum(depth, _OF_FACET * sides)[:, None] * at.normal[:, 0]
-    middle = hexahedron.lagrange(space.degree, np.array([0.5]))[0]
-    moved = np.einsum("k,nkd->nd", np.kron(middle, middle), nodal[space.on_faces(leaf, face)])
-    return _Facets(leaf, mesh.body[cell].astype(np.int64), before, before + moved)
-
-
-def _in_bodies(
-    state: SolvedState, nodal: FloatArray, facets: _Facets, near: BoolArray
-) -> list[tuple[str, BoolArray]]:
-    """Names of two bodies, and the facets (n,) of one that are inside of the other, and were not before."""
-    forest, space, bodies = state.forest, state.elasticity.prolongation.space, state.scene.mesh.bodies
-    comm, inside = forest.comm, np.zeros((2, len(facets.leaf)), dtype=bool)
-    if not near.any():
-        return []
+    comm, bodies = forest.comm, scene.mesh.bodies
+    of_two = np.array([len(interface.surfaces) == 2 for interface in scene.interfaces] + [False])
+    samples = _samples(state, nodal, depth, near[:, None] & ~of_two[scene.contact_surfaces.contact])
     cells = np.flatnonzero(near[forest.cell])
-    before = leaf_positions(forest, cells, 1)
+    nodes = leaf_positions(forest, cells, 2)
+    before, middles = nodes[:, hexahedron.corner_nodes(2)], nodes[:, _MIDDLES]
     now = before + nodal[space.cells[cells][:, hexahedron.corner_nodes(space.degree)]]
-    rows = np.flatnonzero(near[forest.cell[facets.leaf]])
-    points = np.stack([facets.before[rows], facets.now[rows]], axis=1)
+    points = np.stack([samples.before, samples.now], axis=1)
     names = np.column_stack([np.full(len(cells), comm.rank), np.arange(len(cells))])
     query, name = meeting_boxes(comm, _around(points), _around(np.concatenate([before, now], axis=1)), names)
     away = Exchange(comm, name[:, 0])
-    there, point, own = away.forward(name[:, 1]), away.forward(points[query]), away.forward(facets.body[rows[query]])
-    body = state.scene.mesh.body[forest.cell[cells]][there]
-    within = np.stack([_within(corners[there], point[:, i]) for i, corners in enumerate((before, now))], axis=1)
-    within, body = away.backward(within & (body != own)[:, None]), away.backward(body)
-    for time in range(2):
-        inside[time, rows[query[within[:, time]]]] = True
-    fresh = rows[query[within[:, 1]]], body[within[:, 1]].astype(np.int64)
-    other: Int64Array = np.full(len(facets.leaf), -1, dtype=np.int64)
-    other[fresh[0]] = fresh[1]
-    other[inside[0]] = -1
-    pairs = np.sort(np.stack([facets.body, other], axis=1), axis=1)
-    return [
-        (f"bodies {bodies[a]!r} and {bodies[b]!r}", (pairs == (a, b)).all(axis=1))
-        for a, b in np.unique(pairs[other >= 0], axis=0)
-    ]
+    there, point, own = away.forward(name[:, 1]), away.forward(points[query]), away.forward(samples.body[query])
+    body, hollow = scene.mesh.body[forest.cell[cells]][there], _hollow(before, middles)[there]
+    within = np.stack([_within(c[there], hollow, point[:, i]) for i, c in enumerate((before, now))], axis=1)
+    within, body = away.backward(within & (body != own)[:, None]), away.backward(body).astype(np.int64)
+    fresh = within[:, 1] & ~np.isin(query, query[within[:, 0]])
+    pairs = np.sort(np.stack([samples.body[query], body], axis=1), axis=1)
+    result = []
+    for a, b in np.unique(pairs[fresh], axis=0):
+        rows = np.unique(query[fresh & (pairs == (a, b)).all(axis=1)])
+        result.append((f"bodies {bodies[a]!r} and {bodies[b]!r}", _Samples(*(column[rows] for column in samples))))
+    return result
 
 
 def _around(points: FloatArray) -> Boxes:
@@ -136,31 +149,44 @@ def _around(points: FloatArray) -> Boxes:
     return Boxes(points.min(axis=1), points.max(axis=1))
 
 
-def _within(corners: FloatArray, points: FloatArray) -> BoolArray:
-    """True for points (n, 3) below the mean planes of all faces of hexahedra with corners (n, 8, 3)."""
+def _planes(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Middles (n, 6, 3) and outward unit normals (n, 6, 3) of the mean planes of the faces of hexahedra (n, 8, 3)."""
     faces = corners[:, hexahedron.FACE_CORNERS]
     outward = np.cross(faces[:, :, 3] - faces[:, :, 0], faces[:, :, 2] - faces[:, :, 1])
-    outward *= hexahedron.FACE_ORIENTATION[:, None]
-    heights = np.einsum("nfd,nfd->nf", points[:, None] - faces.mean(axis=2), outward)
-    return np.asarray((heights < 0).all(axis=1))
+    outward = outward * hexahedron.FACE_ORIENTATION[:, None]
+    return faces.mean(axis=2), outward / np.linalg.norm(outward, axis=2)[:, :, None]
 
 
-def _in_obstacles(state: SolvedState, facets: _Facets) -> list[tuple[str, BoolArray]]:
-    """Names of a body and an obstacle below it, and the facets (n,) that are inside, and were not before.
+def _hollow(corners: FloatArray, middles: FloatArray) -> FloatArray:
+    """Heights (n, 6) of the middles of curved faces (n, 6, 3) over their mean planes, negative in a bore, at most 0."""
+    plane, normal = _planes(corners)
+    return np.asarray(np.minimum(np.einsum("nfd,nfd->nf", middles - plane, normal), 0.0))
+
+
+def _within(corners: FloatArray, hollow: FloatArray, points: FloatArray) -> BoolArray:
+    """True for points (n, 3) below the planes of all faces of hexahedra (n, 8, 3), less `_hollow` (n, 6)."""
+    plane, normal = _planes(corners)
+    return np.asarray((np.einsum("nfd,nfd->nf", points[:, None] - plane, normal) < hollow).all(axis=1))
+
+
+def _in_obstacles(state: SolvedState, nodal: FloatArray, depth: float) -> list[tuple[str, _Samples]]:
+    """Names of a body and an obstacle, and samples of the body that are inside, and were not before.
 
     Without surfaces given by functions, which may be defined near the contact surface only.
     """
     scene, result = state.scene, []
+    samples = _samples(state, nodal, depth, scene.contact_surfaces.contact < 0)
     moved = scene.approached(approaches(scene, state.solution.rows) or [None] * len(scene.interfaces)).contact
     for begin, pair in zip(scene.contact, moved):
         if not isinstance(begin, ContactPair) or not isinstance(pair, ContactPair):
             continue
         if pair.obstacle is None or isinstance(pair.obstacle, RigidSurface):
             continue
-        inside = (pair.distances(facets.now)[0] < 0) & (begin.distances(facets.before)[0] >= 0)
-        for body in np.unique(scene.mesh.body[scene.mesh.surface(pair.first)[:, 0]]):
+        inside = (pair.distances(samples.now)[0] < 0) & (begin.distances(samples.before)[0] >= 0)
+        for body in np.unique(samples.body[inside]):
             names = f"body {scene.mesh.bodies[body]!r} and the {pair.obstacle.name} below {pair.first!r}"
-            result.append((names, inside & (facets.body == body)))
+            rows = inside & (samples.body == body)
+            result.append((names, _Samples(*(column[rows] for column in samples))))
     return result
 
 

@@ -6,7 +6,7 @@ from fx_contact.adaptive.validity import LARGE, MISSED, ModelWarning
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
 from fx_contact.problem.boundary_conditions import PLANE, RigidMotion
-from fx_contact.problem.mirrors import symmetry_planes
+from fx_contact.problem.mirrors import mirror_group, symmetry_planes
 from fx_contact.problem.scene import Scene
 from fx_contact.problem.scene_validation import facet_areas
 
@@ -76,33 +76,39 @@ def _loads_on_contact(scene: Scene) -> list[ModelWarning]:
 
 
 def _free_on_planes(scene: Scene) -> list[ModelWarning]:
-    """Bodies with facets on a plane of symmetry, none of which a condition holds along its normal."""
+    """Bodies with facets on a plane of symmetry, none of which a condition holds along its normal.
+
+    Mirrors of SymmetryPlanes first; if these make too few copies, other planes without normal displacement, unless
+    enough of them are held by all bodies.
+    """
+    mirrors = scene.mirrors
+    if mirrors.parts == scene.symmetry:
+        return [free for row, at in zip(mirrors.normals, mirrors.at) for free in _free_on(scene, np.asarray(row), at)]
+    warnings, held = list[ModelWarning](), list[FloatArray]()
+    for name, normal in symmetry_planes(scene):
+        at = float((scene.mesh.facet_points(scene.mesh.surface(name), order=1) @ normal).mean())
+        free = _free_on(scene, normal, at)
+        warnings += free
+        held += [normal] if not free else []
+    return [] if len(mirror_group(np.array(held).reshape(-1, 3), scene.symmetry)) >= scene.symmetry else warnings
+
+
+def _free_on(scene: Scene, normal: FloatArray, at: float) -> list[ModelWarning]:
+    """Bodies with facets on a plane with a normal (3,) at a place along it [m], none of which is held there."""
     mesh, warnings = scene.mesh, list[ModelWarning]()
     outside = np.argwhere(mesh.face_neighbours == 1)
-    rounding = PLANE * np.ptp(mesh.points, axis=0).max()
-    across: FloatArray = np.zeros((*mesh.faces.shape, 3, 3))
+    heights = mesh.facet_points(outside, order=1) @ normal - at
+    there = outside[(np.abs(heights) <= PLANE * np.ptp(mesh.points, axis=0).max()).all(axis=1)]
+    across: FloatArray = np.zeros(mesh.faces.shape)
     for condition in scene.conditions:
         if condition.where in mesh.surfaces:
-            across[tuple(mesh.surface(condition.where).T)] += condition.across
-    for normal, at in _planes_of_symmetry(scene):
-        heights = mesh.facet_points(outside, order=1) @ normal - at
-        there = outside[(np.abs(heights) <= rounding).all(axis=1)]
-        held = np.einsum("i,nij,j->n", normal, across[tuple(there.T)], normal) > PLANE
-        bodies = mesh.body[there[:, 0]]
-        for body in np.setdiff1d(bodies, bodies[held]):
-            count, name = int((bodies == body).sum()), mesh.bodies[body]
-            message = (
-                f"body {name!r} has {count} root facets on the symmetry plane with the normal {normal.round(6)}, and "
-                "no SymmetryPlane there: its mirror image may pass through it; name these facets"
-            )
-            warnings.append(ModelWarning("free on a plane", float(count), 0.0, name, message))
+            across[tuple(mesh.surface(condition.where).T)] += float(normal @ condition.across @ normal)
+    bodies, free = mesh.body[there[:, 0]], across[tuple(there.T)] <= PLANE
+    for body in np.setdiff1d(bodies, bodies[~free]):
+        count, name = int((bodies == body).sum()), mesh.bodies[body]
+        message = (
+            f"body {name!r} has {count} root facets on the symmetry plane with the normal {normal.round(6)}, and "
+            "no SymmetryPlane there: its mirror image may pass through it; name these facets"
+        )
+        warnings.append(ModelWarning("free on a plane", float(count), 0.0, name, message))
     return warnings
-
-
-def _planes_of_symmetry(scene: Scene) -> list[tuple[FloatArray, float]]:
-    """Normals (3,) and places [m] of the mirrors, or of all planes that may make the copies where these are too few."""
-    mesh, mirrors = scene.mesh, scene.mirrors
-    if mirrors.parts == scene.symmetry:
-        return list(zip(mirrors.normals, mirrors.at)) if mirrors.parts > 1 else []
-    planes = ((mesh.facet_points(mesh.surface(name), order=1), normal) for name, normal in symmetry_planes(scene))
-    return [(normal, float((points @ normal).mean())) for points, normal in planes]

@@ -6,7 +6,8 @@ from functools import cached_property
 from numbers import Integral
 from typing import Any
 
-from fx_contact.adaptive.validity import checked_kinds
+from fx_contact.adaptive.scene_warnings import warnings_of
+from fx_contact.adaptive.validity import ModelWarning, checked_kinds
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.error_control import ErrorControl
@@ -97,6 +98,11 @@ class Settings:
     def problem(self) -> dict[str, Any]:
         """`fingerprint.scene_parts` of the scene; functions of the user are called at the first access.  Local."""
         return scene_parts(self.scene)
+
+    @cached_property
+    def scene_warnings(self) -> list[ModelWarning]:
+        """`scene_warnings.warnings_of` the scene, made once.  Local."""
+        return warnings_of(self.scene)
 
     def fixed(self) -> dict[str, Any]:
         """Settings by name that a restart must not change, beside the problem, as JSON can hold them.  Local."""

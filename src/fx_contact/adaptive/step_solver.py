@@ -10,7 +10,6 @@ from mpi4py import MPI
 from fx_contact.adaptive.contact_figures import ContactFigures, figures_of_contact
 from fx_contact.adaptive.penetration import penetrations
 from fx_contact.adaptive.resultants import Resultant, sum_up
-from fx_contact.adaptive.scene_warnings import warnings_of
 from fx_contact.adaptive.settings import GEOMETRY_SHARE, Settings
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord, record_of_solve
@@ -209,7 +208,7 @@ def _assess(
     state, duals = _estimate(settings, start, discrete, solution, system, stages)
     _check_solver(state, tolerance)
     residual = _checked_residual(state, discrete)
-    warnings = [*model_warnings(state, discrete.load_totals), *penetrations(state), *warnings_of(state.scene)]
+    warnings = [*model_warnings(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
     check_model_warnings(warnings, settings.allow)
     history = start.history
     if control.of_contact:

@@ -40,6 +40,10 @@ class SweepRecord:
     cpu_seconds: float
     record: StepRecord
 
+    def __getattr__(self, name: str) -> Any:
+        meant = f"; did you mean `record.record.{name}`?" if name in StepRecord.__dataclass_fields__ else ""
+        raise AttributeError(f"a SweepRecord has no attribute {name!r}{meant}", name=name)
+
     def __str__(self) -> str:
         begun = f"begun {'on a coarse mesh' if self.begun == 'coarse' else self.begun}, {self.solves} steps"
         head = f"point {self.point}, value {self.value:.6g}: {begun}, {self.cpu_seconds:.1f} s of CPU time"

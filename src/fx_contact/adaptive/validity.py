@@ -29,7 +29,7 @@ from fx_contact.fem.external_forces import finer_totals
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import ValidityError
-from fx_contact.parallel.validation import as_tuple, check_name
+from fx_contact.parallel.validation import as_tuple, check_name, percent
 from fx_contact.problem import hexahedron
 from fx_contact.problem.boundary_conditions import BodyForce
 from fx_contact.problem.lattice import SIDE
@@ -317,28 +317,26 @@ def _cut_off(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
 
 
 def _oblique(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
-    """Contacts whose direction is far from the normals of their closed facets."""
-    forest, warnings = state.forest, []
-    for kind in rows.kinds:
-        direction = kind.contact.unit_direction
-        if direction is None or kind.contact.obstacle is not None:
+    """Contacts whose force is summed along a direction that is not that of their resultant."""
+    scene, warnings = state.scene, list[ModelWarning]()
+    if scene.mirrors.parts < scene.symmetry:  # the resultant of the whole is not known
+        return warnings
+    count, forces = len(scene.contact), state.solution.force[:, None] * rows.normal
+    own = np.stack([np.bincount(rows.contact, column, count) for column in forces.T], axis=1)
+    total = scene.mirrors.force(rows.prolongation.comm.allreduce(own))
+    for index, pair in enumerate(scene.contact):
+        x, y, z = force = total[index]
+        size, direction = float(np.linalg.norm(force)), pair.unit_direction
+        if direction is None or pair.obstacle is not None or not size:
             continue
-        leaf, face = kind.facets(forest)
-        closed = rows.at_nodes(kind.index, state.solution.active[:, None].astype(float))
-        share = closed[rows.prolongation.space.on_faces(leaf, face), 0].mean(axis=1)
-        facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
-        outward = facets.mean_outward
-        along, area = forest.comm.allreduce(
-            np.array([share @ (outward @ direction), share @ np.linalg.norm(outward, axis=1)])
-        )
-        if along < (1 - LARGE) * area:
-            value, limit = float(np.arccos(along / area)), float(np.arccos(1 - LARGE))
+        missed = 1 - float(direction @ force) / size
+        if missed > MISSED:
             message = (
-                f"the direction of {kind.contact.label} is {np.degrees(value):.0f} degrees from the normals of its "
-                f"closed facets, by their mean cosine: forces act along it, and so along the surface too, as friction "
-                f"would; limit {np.degrees(limit):.0f} degrees; leave `direction` away"
+                f"the force of {pair.label} is its component along `direction`, {percent(missed)} less than the "
+                f"resultant {_shown((x, y, z))}; limit {MISSED:.0%}; leave `direction` away, or "
+                "turn it along the resultant"
             )
-            warnings.append(ModelWarning("oblique direction", value, limit, kind.contact.name, message))
+            warnings.append(ModelWarning("oblique direction", missed, MISSED, pair.name, message))
     return warnings
 
 

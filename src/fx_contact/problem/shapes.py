@@ -309,9 +309,10 @@ def _holds(name: str, where: Predicate, points: FloatArray) -> BoolArray:
     """Values (n,) of a user's predicate; GeometryError unless they are truth values."""
     try:
         inside = np.asarray(where(points.T.copy()) if callable(where) else where)
-    except TypeError as error:
+    except (TypeError, ValueError) as error:
         raise GeometryError(
-            f"the place of {name!r} must be a function of one array (3, n) of positions: {error}"
+            f"the place of {name!r} must be a function of one array (3, n) of positions, which joins conditions by & "
+            f"and |: {error}"
         ) from error
     if not callable(where) or inside.shape != (len(points),) or inside.dtype != bool:
         raise GeometryError(
