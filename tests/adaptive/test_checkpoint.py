@@ -252,7 +252,7 @@ def without_forces(path):
         (lambda path: path.write_bytes(path.read_bytes()[:-8]), "not complete"),
         (lambda path: path.write_text("step cells\n" * 99), "no checkpoint of this program"),
         (lambda path: path.write_bytes(b"fx-rows\n" + bytes(99)), "another release"),
-        (lambda path: path.write_bytes(path.read_bytes().replace(b'"version": 9', b'"version": 8')), "damaged"),
+        (lambda path: path.write_bytes(path.read_bytes().replace(b'"version": 10', b'"version": 19')), "damaged"),
         (of_version_8, "another release"),
         (without_forces, "of another version of fx_contact: begin anew"),
     ],

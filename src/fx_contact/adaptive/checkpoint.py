@@ -1,16 +1,17 @@
 """The state after an adaptive step on disk, from which any number of ranks can continue.
 
-Leaves and nodes are named by keys that do not depend on the ranks: a leaf with its indicator takes 24 bytes, a node
+Leaves and nodes are named by keys that do not depend on the ranks: a leaf with its indicator takes 25 bytes, a node
 with its displacement 32.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from uuid import uuid4
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.adaptive.checkpoint_file import CheckpointFile, write_checkpoint
@@ -22,7 +23,7 @@ from fx_contact.fem.space import Space, child_error
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import with_cuts
 from fx_contact.parallel.agreement import check_alike, differences
-from fx_contact.parallel.arrays import FloatArray, Int8Array
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array
 from fx_contact.parallel.errors import CheckpointError, OutputError, writing
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import Directory, together
@@ -31,6 +32,8 @@ from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
 from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.problem.lattice import Lattice
 from fx_contact.problem.scene import Scene, check_scene
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 NAME = "checkpoint"
 #: Bits of the level in the name of a leaf, after its `leaf_code`.
@@ -98,7 +101,8 @@ class CheckpointWriter:
         }
         arrays = {
             "leaves": leaf_code(forest.cell, forest.anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS) | level,
-            "indicator": _by_leaf(step),
+            "indicator": _by_leaf(step, step.estimate.error),
+            "edge": _by_leaf(step, _at_edge(step)),
             "refine": step.contact_error.refine.astype(np.int8),
             "nodes": prolongation.space.keys[rows],
             "values": values[rows],
@@ -115,11 +119,17 @@ class CheckpointWriter:
             )
 
 
-def _by_leaf(step: Step) -> FloatArray:
-    """xi_T (n,) of a step in the order of the leaves [J^(1/2)]."""
-    result = np.empty(len(step.forest))
-    result[step.leaf_mesh.leaf] = step.estimate.error
+def _by_leaf(step: Step, values: npt.NDArray[_Scalar]) -> npt.NDArray[_Scalar]:
+    """Values (n,) of the cells of a step in the order of the leaves."""
+    result = np.empty_like(values)
+    result[step.leaf_mesh.leaf] = values
     return result
+
+
+def _at_edge(step: Step) -> BoolArray:
+    """Cells (n,) at the edge of contact, none if that is not known."""
+    found = step.estimate.at_edge
+    return np.zeros(len(step.forest), dtype=bool) if found is None else found
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +153,8 @@ class State:
     @classmethod
     def of(cls, step: Step) -> "State":
         """The state after a step, without carried fields.  Collective on step.forest.comm."""
-        estimate = replace(step.estimate, error=_by_leaf(step), energy=None)
+        error, at_edge = _by_leaf(step, step.estimate.error), _by_leaf(step, _at_edge(step))
+        estimate = replace(step.estimate, error=error, energy=None, at_edge=at_edge)
         refine, found = step.contact_error.refine, step.record.approaches
         return cls(step.forest, step.nodal_displacement, estimate, refine, step.history, found)
 
@@ -199,7 +210,8 @@ class Checkpoint:
         Collective on comm.  Raises CheckpointError if the file is damaged.
         """
         scene, comm, content, array = self._scene, self.comm, self._file.content, self._file.array
-        names, keys, values, error, refine = map(array, ("leaves", "nodes", "values", "indicator", "refine"))
+        names, keys, values = map(array, ("leaves", "nodes", "values"))
+        error, at_edge, refine = map(array, ("indicator", "edge", "refine"))
         level = (names & np.uint64((1 << _LEVEL_BITS) - 1)).astype(np.int8)
         cell, anchor = decode_leaf((names >> np.uint64(_LEVEL_BITS)).astype(np.int64))
         root = comm, scene.mesh, Lattice(scene.mesh), scene.pairing, scene.contact_surfaces
@@ -209,6 +221,6 @@ class Checkpoint:
         directory = Directory(comm, keys, forest.homes.of_points)
         values, _ = directory.lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
         xi, omega, cells = content["estimate"]
-        estimate = Estimate(error, None, xi, omega, cells, child_error(space.degree))
+        estimate = Estimate(error, None, xi, omega, cells, child_error(space.degree), at_edge)
         history = RefinementHistory(**content["history"])
         return State(forest, values[space.cells], estimate, refine, history, self.records[-1].approaches)

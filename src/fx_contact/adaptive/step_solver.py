@@ -1,7 +1,7 @@
 """One adaptive step: discretise on a given forest, solve, estimate the errors, record."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from fx_contact.contact.contact_solver import ContactSolution, solve_system
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.row_kinds import columns_at_rest, create_rows
 from fx_contact.contact.settling import RowsAt, approaches, touching
+from fx_contact.estimate.contact_edge import cells_at_edge
 from fx_contact.estimate.contact_goals import ContactError, contact_error, force_goals
 from fx_contact.estimate.dual_weighted import Goals
 from fx_contact.estimate.effectivity import RefinementHistory
@@ -243,6 +244,8 @@ def _estimate(
     rows = None if every is None or not scene.contact else every.part(ties=False)
     ties = None if every is None or len(scene.interfaces) == len(scene.contact) else every.part(ties=True)
     state = SolvedState(scene, forest, elasticity, field, rows, ties, solution, error.estimate)
+    if rows is not None:
+        state = replace(state, estimate=replace(error.estimate, at_edge=cells_at_edge(state)))
     return state, Goals(state, error, estimator, system, stages, bounds=not settings.goals)
 
 

@@ -14,11 +14,26 @@ import numpy as np
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.solved_state import SolvedState
-from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.problem.leaf_facets import LeafFacets
 
 #: As above [-].
 _SHARE = np.pi / 20
+#: Nodes are closed, or open, from this value on: hanging ones have a mean of others [-].
+_SOME = 0.5
+
+
+def cells_at_edge(state: SolvedState) -> BoolArray:
+    """Cells (ncells,) on first surfaces whose facets have closed and open nodes.  Collective on state.forest.comm."""
+    assert state.rows is not None
+    rows, result = state.rows, np.zeros(len(state.forest), dtype=bool)
+    active = state.solution.active
+    for kind in rows.kinds:
+        leaf, face = kind.facets(state.forest)
+        nodal = rows.at_nodes(kind.index, np.column_stack([active, ~active]).astype(float))
+        some = np.any(nodal[rows.prolongation.space.on_faces(leaf, face)] > _SOME, axis=1)
+        result[leaf[some[:, 0] & some[:, 1]]] = True
+    return result[state.elasticity.leaf_mesh.leaf]
 
 
 class ContactEdge:

@@ -18,7 +18,7 @@ from fx_contact.estimate.stress_recovery import StressRecovery
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.space import child_error
-from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem.materials import TENSOR
@@ -35,6 +35,7 @@ class Estimate:
         energy_norm: omega (4) of the stress, or the least one that counts [J^(1/2)].
         cells: number of cells on all ranks.
         child_error: `fem.space.child_error`, xi_T^2 of a child over that of its parent if the solution is smooth [-].
+        at_edge: (ncells,), cells where contact ends, as `contact_edge.cells_at_edge`; None: not known.
     """
 
     error: FloatArray
@@ -43,6 +44,7 @@ class Estimate:
     energy_norm: float
     cells: int
     child_error: float
+    at_edge: BoolArray | None = None
 
     @property
     def relative(self) -> float:

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 #: Number of thresholds: each is 0.97 of the one before or more.
 _THRESHOLDS = 1024
+#: xi_T^2 of a child over that of its parent at the edge of a contact: the pressure there is as r^(1/2) (Johnson, as in
+#: `contact_edge`), so is the stress, and xi_T^2 of a cell of size h as h^4 [-].
+_CHILD_AT_EDGE = 2.0**-4
 #: The lowest one for goals over the largest error: a billion cells below it add up to 0.001 of that.
 _LOWEST_FOR_GOALS = 1e-12
 
@@ -32,7 +35,8 @@ def for_tolerance(
     """Cells to refine for xi <= e omega, by the highest threshold that is expected to suffice.
 
     Collective on comm.  The aim is an error of `control.target` e omega; at degree 2 at least xi / 4, that after
-    uniform refinement of a smooth solution.  If threshold (2) is too high, the threshold is `_equidistributing`.
+    uniform refinement of a smooth solution.  Cells at the edge of contact are refined twice earlier
+    (studies.effectivity.hertz_truth).  If threshold (2) is too high, the threshold is `_equidistributing`.
 
     Args:
         tolerance: e [-].
@@ -59,7 +63,9 @@ def for_tolerance(
         suffices = _lost(once, twice, loss * (loss_rate or 1.0))[:-1] >= need
         return int(np.argmax(suffices)) if suffices.any() else of_later
 
-    times, once, twice = _mark(estimate.error**2, child, thresholds**2, choose, comm)
+    at_edge = False if estimate.at_edge is None else estimate.at_edge
+    children = np.where(at_edge, _CHILD_AT_EDGE, child)
+    times, once, twice = _mark(estimate.error**2, children, thresholds**2, choose, comm)
     return times, float(_lost(once, twice, loss))
 
 
@@ -107,13 +113,14 @@ def _lost(once: FloatArray, twice: FloatArray, loss: float) -> FloatArray:
 
 def _mark(
     error: FloatArray,
-    child_error: float,
+    child_error: float | FloatArray,
     thresholds: FloatArray,
     choose: Callable[[FloatArray, FloatArray], int],
     comm: MPI.Intracomm,
 ) -> tuple[Int8Array, FloatArray, FloatArray]:
     """Number of refinements (ncells,) of cells above a threshold, 2 if a child's error would be; and their sums.
 
+    `child_error`, one or (ncells,), is that of a child over that of its parent.
     `choose` gives the position of a threshold, of descending ones (m,) and one below all errors, by two (m + 1,): the
     sums on all ranks of the errors of cells refined, and refined twice.
     """
