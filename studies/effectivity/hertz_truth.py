@@ -2,9 +2,9 @@
 
 The reference is that of `studies.incompressible.axisymmetric`, Taylor and Hood's triangles, graded towards the edge of
 the contact; no part of it is the package's. Its own error is 0.01 %, by meshes of twice its sizes. Its strain is
-compared with that of the hexahedra at (p + 2)^3 Gauss points of each. "constant" is e N^(2/3), with the true error e in per
-cent and N in thousands: the same for all meshes at the optimal rate of degree 2. "edge" are the leaves where closed and
-open nodes meet.
+compared with that of the hexahedra at (p + 2)^3 Gauss points of each. "constant" is e N^(2/3), with the true error e in
+per cent and N in thousands: the same for all meshes at the optimal rate of degree 2. "edge" are the leaves where closed
+and open nodes meet.
 
     python3 -m studies.effectivity.hertz_truth [--only WORD]    # ten minutes, 9 GB
 

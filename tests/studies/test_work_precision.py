@@ -96,7 +96,7 @@ def test_measures():
 
 
 def test_true_errors_are_kept():
-    """Each line of HERTZ-A has them, for errors from 16 % to 0.1 %."""
+    """Each line of HERTZ-A has some; those of degree 2 reach 0.1 %."""
     kept, lines = true_errors_of_hertz(), {point.line for point in points(False) if point.group == "HERTZ-A"}
     assert {name for name, _ in kept} == lines
     values = [error for (name, _), error in kept.items() if name == "degree 2"]
