@@ -32,8 +32,8 @@ uniform = "--records-only --reference hertz-a --coarse 3 --tolerance 0.04"
 one_level = Case("hertz", f"{uniform} --uniform 0 --true-error 0.3", ranks=1)
 two_levels = Case("hertz", f"{uniform} --uniform 1 --true-error 0.25", ranks=1)
 wanted = [
-    Point("HERTZ-A", "adaptive", reference(0.08, ranks=1)),
-    Point("HERTZ-A", "adaptive", reference(0.04, ranks=1)),
+    Point("HERTZ-A", "adaptive", reference(0.08, "--true-error 0.04", ranks=1)),
+    Point("HERTZ-A", "adaptive", reference(0.04, "--true-error 0.02", ranks=1)),
     Point("HERTZ-A", "uniform", one_level),
     Point("HERTZ-A", "uniform", two_levels),
 ]
