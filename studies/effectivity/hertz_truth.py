@@ -6,7 +6,7 @@ compared with that of the hexahedra at (p + 2)^3 Gauss points of each. "constant
 per cent and N in thousands: the same for all meshes at the optimal rate of degree 2. "edge" are the leaves where closed
 and open nodes meet.
 
-    python3 -m studies.effectivity.hertz_truth [--only WORD]    # ten minutes, 9 GB
+    python3 -m studies.effectivity.hertz_truth [--only WORD]    # a quarter of an hour
 
 It leaves hertz_truth.csv in results/effectivity. `studies.work_precision.run` takes its true errors from the kept one.
 """

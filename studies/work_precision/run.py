@@ -5,7 +5,7 @@ repetitions. Errors are true errors, against references that do not come from th
 those of `studies.effectivity.hertz_truth`, as kept. Runs that fail are shown as failed. An interrupted
 study goes on where it stopped.
 
-    python3 -m studies.work_precision.run              # all points: 20 minutes on two cores
+    python3 -m studies.work_precision.run              # all points: half an hour on two cores
     python3 -m studies.work_precision.run --quick      # the small ones, each once: 2 minutes
     python3 -m studies.work_precision.run --plot-only  # tables and plots of the runs that are there
 

@@ -115,7 +115,7 @@ class SweepPoint:
     record: SweepRecord
 
     def __getattr__(self, name: str) -> Any:
-        meant = f"; did you mean `step.record.{name}` of it?" if name in StepRecord.__dataclass_fields__ else ""
+        meant = f"; did you mean `point.step.record.{name}`?" if name in StepRecord.__dataclass_fields__ else ""
         raise AttributeError(f"a SweepPoint has no attribute {name!r}{meant}", name=name)
 
     def __str__(self) -> str:

@@ -41,7 +41,7 @@ class SweepRecord:
     record: StepRecord
 
     def __getattr__(self, name: str) -> Any:
-        meant = f"; did you mean `record.record.{name}`?" if name in StepRecord.__dataclass_fields__ else ""
+        meant = f"; did you mean `point.record.record.{name}`?" if name in StepRecord.__dataclass_fields__ else ""
         raise AttributeError(f"a SweepRecord has no attribute {name!r}{meant}", name=name)
 
     def __str__(self) -> str:

@@ -108,9 +108,8 @@ def _planes(scene: Scene) -> list[tuple[FloatArray, _Places]]:
             plane = condition.on(mesh)
             normal = np.array(plane.normal) if isinstance(plane, ObliquePlane) else plane.held.astype(float)
             facets = mesh.surface(condition.surface)
-            at, bodies = float((mesh.facet_points(facets) @ normal).mean()), {
-                int(body) for body in np.unique(mesh.body[facets[:, 0]])
-            }
+            at = float((mesh.facet_points(facets) @ normal).mean())
+            bodies = {int(body) for body in np.unique(mesh.body[facets[:, 0]])}
             for other, places in found:
                 if np.linalg.norm(np.cross(normal, other)) < _SAME:
                     places.append((float(at * np.sign(normal @ other)), bodies))
