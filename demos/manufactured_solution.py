@@ -22,7 +22,6 @@ from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.estimator import Estimate, Estimator
 from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.fem.coarse_level import create_coarse_level
-from fx_contact.fem.compilation import compiled
 from fx_contact.fem.displacement_field import DisplacementField
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
@@ -32,6 +31,7 @@ from fx_contact.fem.supports import Supports
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
 from fx_contact.linalg.solver_options import Solver
+from fx_contact.parallel.compilation import compiled
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem.contact_surfaces import ContactSurfaces
 from fx_contact.problem.facet_pairing import Pairing

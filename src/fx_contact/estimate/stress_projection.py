@@ -18,10 +18,10 @@ from mpi4py import MPI
 
 from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.estimate.stress_recovery import six
-from fx_contact.fem.compilation import compiled
 from fx_contact.fem.displacement_field import DisplacementField
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.compilation import compiled
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 

@@ -7,8 +7,8 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from fx_contact.fem.compilation import compiled
 from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.compilation import compiled
 
 
 @dataclass(frozen=True, eq=False)

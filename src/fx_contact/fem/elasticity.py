@@ -16,7 +16,6 @@ from scipy.sparse import csr_matrix
 from fx_contact.fem.anisotropy import Anisotropy
 from fx_contact.fem.cell_products import CellSum, cell_constraints, constrained, node_couplings
 from fx_contact.fem.cell_stiffness import CellStiffness
-from fx_contact.fem.compilation import compiled
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.leaf_mesh import LeafMesh, basix_order
 from fx_contact.fem.nodal_stress import NodalStress
@@ -27,6 +26,7 @@ from fx_contact.fem.volume_projection import VolumeProjection
 from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.linalg.matrix import BlockMatrix, create_matrix
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.compilation import compiled
 from fx_contact.parallel.memory import give_back
 from fx_contact.parallel.timing import Stages
 from fx_contact.problem.materials import LOCKING_POISSON, Material, Orthotropic

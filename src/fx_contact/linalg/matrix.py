@@ -1,6 +1,6 @@
 """The conforming matrix: blocks of 3 x 3, for p-multigrid the diagonal and what is above it, or hypre's format.
 
-PETSc's product takes the time that reading the matrix takes, and of a symmetric one it reads half.
+A product reads the matrix, of a symmetric one half, with a loop of ours (`symmetric_product`).
 PETSc's conversion to hypre's format goes through coordinate lists and keeps them, three times the memory of the matrix.
 Copied into preallocated rows, the matrix exists twice during the copy, and once during the solve.
 """
@@ -15,6 +15,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix, spmatrix
 
 from fx_contact.linalg.petsc_objects import clear_hypre_errors
+from fx_contact.linalg.symmetric_product import replace_product
 from fx_contact.parallel.arrays import FloatArray, Int32Array
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.exchange import Exchange
@@ -104,6 +105,7 @@ def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, symmet
     mat.setPreallocationNNZ(lengths)
     if symmetric:
         mat.setOption(PETSc.Mat.Option.IGNORE_LOWER_TRIANGULAR, True)
+        replace_product(comm, mat)
     # PETSc sets it where there are rows; where a rank has none the collectives of the assembly would not match.
     mat.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
     return BlockMatrix(comm, mat, lengths)

@@ -15,10 +15,10 @@ from fx_contact.adaptive.step_record import TrueError
 from fx_contact.adaptive.validity import REFUSED
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_tolerance
-from fx_contact.fem.compilation import compiled
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.compilation import compiled
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_kind, check_tolerance

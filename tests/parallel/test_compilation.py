@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 import ufl
-from conftest import WORLD
+from conftest import WORLD, everywhere
 from dolfinx import fem, jit
 from dolfinx.mesh import create_unit_cube
 
 from fx_contact import adapt
-from fx_contact.fem.compilation import compiled
+from fx_contact.parallel.compilation import compiled, library
 from fx_contact.parallel.errors import CompilationError
 from fx_contact.scenes import patch
 
@@ -49,6 +49,15 @@ def test_left_by_a_killed_run(cache):
     assert abs(volume() - 1) < 1e-12
 
 
+def test_library(cache):
+    """A function in C, compiled once; what is no C is the same error on all ranks."""
+    source = "int twice(int number) { return 2 * number; }"
+    assert [library(WORLD, source).twice(21) for _ in range(2)] == [42, 42]
+    everywhere(len(list(cache.iterdir())) == 1, "one file")
+    with pytest.raises(CompilationError, match="cannot be compiled"):
+        library(WORLD, source.replace(";", ""))
+
+
 @pytest.mark.parametrize("cause", ["no compiler", "no folder"])
 def test_what_cannot_be_compiled(cache, monkeypatch, cause):
     """No compiler, or no folder for what it makes: the same error on all ranks, also within a run."""
@@ -56,7 +65,11 @@ def test_what_cannot_be_compiled(cache, monkeypatch, cause):
         monkeypatch.setenv("CC", "/bin/false")
     else:
         monkeypatch.setitem(jit.DOLFINX_DEFAULT_JIT_OPTIONS, "cache_dir", (Path("/proc/nope"), ""))
-    for action in (volume, lambda: next(adapt(patch(cells=(1, 1, 2)), 0.1))):
+    for action in (
+        volume,
+        lambda: library(WORLD, "int one() { return 1; }"),
+        lambda: next(adapt(patch(cells=(1, 1, 2)), 0.1)),
+    ):
         with pytest.raises(CompilationError, match="cannot be compiled .*there is a C compiler") as caught:
             action()
         assert len(set(WORLD.allgather(str(caught.value)))) == 1
