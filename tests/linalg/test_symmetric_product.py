@@ -11,6 +11,7 @@ from scipy.sparse import vstack
 
 from fx_contact.linalg import symmetric_product
 from fx_contact.linalg.matrix import create_matrix
+from fx_contact.parallel.errors import CompilationError
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
@@ -64,3 +65,10 @@ def test_own_loop(monkeypatch):
     before = product(filled(True, 9))
     monkeypatch.setattr(symmetric_product, "_SOURCE", symmetric_product._SOURCE.replace("+= sum", "-= sum"))
     everywhere(not np.allclose(product(filled(True, 9)), before), "the loop is not in use")
+
+
+def test_no_compiler(monkeypatch):
+    """Without a C compiler there is no matrix: the same error on all ranks."""
+    monkeypatch.setenv("CC", "/bin/false")
+    with pytest.raises(CompilationError, match="there is a C compiler"):
+        filled(True, 2)

@@ -1,4 +1,4 @@
-"""Compilation of forms: what fails is one sentence on all ranks, also where a killed run has left something."""
+"""Compilation of forms and functions in C: one error on all ranks, also where a killed run has left something."""
 
 import re
 from pathlib import Path
@@ -10,6 +10,7 @@ from dolfinx import fem, jit
 from dolfinx.mesh import create_unit_cube
 
 from fx_contact import adapt
+from fx_contact.parallel import compilation
 from fx_contact.parallel.compilation import compiled, library
 from fx_contact.parallel.errors import CompilationError
 from fx_contact.scenes import patch
@@ -50,12 +51,20 @@ def test_left_by_a_killed_run(cache):
 
 
 def test_library(cache):
-    """A function in C, compiled once; what is no C is the same error on all ranks."""
+    """A function in C, compiled once; what is no C, and a file that is no library, are the same error on all ranks."""
     source = "int twice(int number) { return 2 * number; }"
     assert [library(WORLD, source).twice(21) for _ in range(2)] == [42, 42]
     everywhere(len(list(cache.iterdir())) == 1, "one file")
-    with pytest.raises(CompilationError, match="cannot be compiled"):
+    with pytest.raises(CompilationError, match="cannot be compiled .*exit code 1.*source.c.*there is a C compiler"):
         library(WORLD, source.replace(";", ""))
+    broken = source.replace("twice", "double_")
+    file = compilation._built(WORLD, broken)
+    WORLD.Barrier()
+    if WORLD.rank == 0:
+        file.write_text("")
+    WORLD.Barrier()
+    with pytest.raises(CompilationError, match="OSError.*too short.*noexec"):
+        library(WORLD, broken)
 
 
 @pytest.mark.parametrize("cause", ["no compiler", "no folder"])

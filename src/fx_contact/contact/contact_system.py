@@ -93,7 +93,7 @@ class ContactSystem:
         self._active = active  # of the last solve
         self._in_matrix, self._jump_in_matrix = active * self.capped_stiffness, jump  # penalty term in the matrix
         self._is_set_up = False
-        self._energy: tuple[FloatArray, float] = np.zeros((0, 3)), 0.0  # of the last displacement that was asked for
+        self._energy = 0.0  # of the last solution, twice [J]
 
     def exchange_rows(self, jump: Jump) -> None:
         """Go on with rows of the same nodes with other normals and gaps; the preconditioner keeps the former ones."""
@@ -146,7 +146,9 @@ class ContactSystem:
         with self._stages("system"):
             equations = self._equations(self._jump, self._load, self.stiffness, self._projection)
         with self._stages("solve"):
-            return self._supports.tangential(self.solver.solve(equations, u, tolerance))
+            u = self._supports.tangential(self.solver.solve(equations, u, tolerance))
+            self._energy = self.energy_norm(u) ** 2
+        return u
 
     def solve_springs(
         self, stiffness: FloatArray, shift: FloatArray, u: FloatArray, tolerance: float
@@ -268,9 +270,7 @@ class ContactSystem:
         """Bound [m] of the rounding of gaps and penetrations of closed rows; the approach is energy over force."""
         pressed = self.comm.allreduce(float(np.maximum(trial, 0.0)[self._active & ~self.equality].sum()))
         moved = self._largest(u)
-        if pressed > 0 and self._energy[0] is not u:
-            self._energy = u, self.energy_norm(u) ** 2
-        approach = min(moved, self._energy[1] / pressed) if pressed > 0 else moved
+        approach = min(moved, self._energy / pressed) if pressed > 0 else moved
         return max(_OF_APPROACH * approach, _OF_DISPLACEMENT * moved)
 
     def _any(self, values: BoolArray | FloatArray) -> bool:

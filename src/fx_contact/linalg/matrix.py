@@ -1,6 +1,6 @@
 """The conforming matrix: blocks of 3 x 3, for p-multigrid the diagonal and what is above it, or hypre's format.
 
-A product reads the matrix, of a symmetric one half, with a loop of ours (`symmetric_product`).
+A product reads each stored block once: half of them if the matrix is symmetric, by our own loop (`symmetric_product`).
 PETSc's conversion to hypre's format goes through coordinate lists and keeps them, three times the memory of the matrix.
 Copied into preallocated rows, the matrix exists twice during the copy, and once during the solve.
 """
@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix, spmatrix
 
 from fx_contact.linalg.petsc_objects import clear_hypre_errors
-from fx_contact.linalg.symmetric_product import replace_product
+from fx_contact.linalg.symmetric_product import product_library, replace_product
 from fx_contact.parallel.arrays import FloatArray, Int32Array
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.exchange import Exchange
@@ -93,19 +93,21 @@ def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, symmet
 
     Raises:
         SolveError: the matrix and its preconditioner would not fit into the memory that the hosts have left.
+        CompilationError: as `library`, of a symmetric matrix.
     """
     lengths = _row_lengths(comm, graph, imap, symmetric)
     block = _BLOCK_BYTES + (_PRECONDITIONER_BYTES if symmetric else _COPY_BYTES)
     needed = block * sum(int(length.sum()) for length in lengths)
     what = f"the system of {3 * imap.size_global:,} unknowns"
     check_memory(comm, what, needed, "ask for a larger tolerance, or use more hosts")
+    compiled = product_library(comm) if symmetric else None
     mat = PETSc.Mat().create(comm)
     mat.setSizes([[3 * imap.size_local, 3 * imap.size_global]] * 2, bsize=3)
     mat.setType(PETSc.Mat.Type.SBAIJ if symmetric else PETSc.Mat.Type.BAIJ)
     mat.setPreallocationNNZ(lengths)
-    if symmetric:
+    if compiled is not None:
         mat.setOption(PETSc.Mat.Option.IGNORE_LOWER_TRIANGULAR, True)
-        replace_product(comm, mat)
+        replace_product(mat, compiled)
     # PETSc sets it where there are rows; where a rank has none the collectives of the assembly would not match.
     mat.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
     return BlockMatrix(comm, mat, lengths)

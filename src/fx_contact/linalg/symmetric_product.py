@@ -5,26 +5,46 @@ loop with the sums in registers (`studies.cost.products`).
 """
 
 import ctypes
-from collections.abc import Callable
-from functools import cache
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact.parallel.compilation import library
 
-#: y = A x by the rows of blocks on and above the diagonal; a block is stored by columns.
-_SOURCE = """
-void multiply(INT rows, const INT *first, const INT *column, const double *block,
-              const double *restrict x, double *restrict y)
+#: PETSc's functions that the product calls: name -> types of their arguments.
+_CALLED = {
+    "MatGetRowIJ": "void *, Index, int, int, Index *, const Index **, const Index **, int *",
+    "MatSeqSBAIJGetArray": "void *, const double **",
+    "VecGetArrayRead": "void *, const double **",
+    "VecGetArrayWrite": "void *, double **",
+    "VecRestoreArrayWrite": "void *, double **",
+    "VecRestoreArrayRead": "void *, const double **",
+    "MatSeqSBAIJRestoreArray": "void *, const double **",
+    "MatRestoreRowIJ": "void *, Index, int, int, Index *, const Index **, const Index **, int *",
+}
+_POINTERS = "".join(f"static int (*{name})({types});\n" for name, types in _CALLED.items())
+_SOURCE = (
+    f"""
+#include <stdint.h>
+typedef int{8 * PETSc.IntType().itemsize}_t Index;
+{_POINTERS}
+void use(void **petsc)
+{{
+    {' '.join(f"{name} = petsc[{number}];" for number, name in enumerate(_CALLED))}
+}}
+"""
+    + """
+/* y = A x by the blocks of each row on the diagonal, whole, and right of it; a block is stored by columns. */
+static void multiply(Index rows, const Index *first, const Index *column, const double *block,
+                     const double *restrict x, double *restrict y)
 {
-    for (INT i = 0; i < 3 * rows; i++)
+    for (Index i = 0; i < 3 * rows; i++)
         y[i] = 0;
-    for (INT i = 0; i < rows; i++) {
+    for (Index i = 0; i < rows; i++) {
         double sum[3] = {0, 0, 0};
-        for (INT k = first[i]; k < first[i + 1]; k++) {
-            const INT j = column[k];
-            const double *b = block + 9 * (long)k;
+        for (Index k = first[i]; k < first[i + 1]; k++) {
+            const Index j = column[k];
+            const double *b = block + 9 * (int64_t)k;
             for (int r = 0; r < 3; r++)
                 for (int c = 0; c < 3; c++)
                     sum[r] += b[r + 3 * c] * x[3 * j + c];
@@ -36,56 +56,46 @@ void multiply(INT rows, const INT *first, const INT *column, const double *block
             y[3 * i + r] += sum[r];
     }
 }
-""".replace(
-    "INT", "int" if PETSc.IntType().itemsize == 4 else "long long"
+
+/* As PETSc calls it: Mat, Vec, Vec; its error code. */
+int product(void *mat, void *vec_x, void *vec_y)
+{
+    Index rows;
+    const Index *first, *column;
+    const double *block, *x;
+    double *y;
+    int done, code;
+    if ((code = MatGetRowIJ(mat, 0, 0, 1, &rows, &first, &column, &done)) ||
+        (code = MatSeqSBAIJGetArray(mat, &block)) || (code = VecGetArrayRead(vec_x, &x)) ||
+        (code = VecGetArrayWrite(vec_y, &y)))
+        return code;
+    multiply(rows, first, column, block, x, y);
+    if ((code = VecRestoreArrayWrite(vec_y, &y)) || (code = VecRestoreArrayRead(vec_x, &x)) ||
+        (code = MatSeqSBAIJRestoreArray(mat, &block)))
+        return code;
+    return MatRestoreRowIJ(mat, 0, 0, 1, &rows, &first, &column, &done);
+}
+"""
 )
 
-_MULTIPLY = 3  # MATOP_MULT in PETSc's petscmat.h
-_Operation = ctypes.CFUNCTYPE(ctypes.c_int, *3 * [ctypes.c_void_p])
-_Index = ctypes.c_int if PETSc.IntType().itemsize == 4 else ctypes.c_longlong
+_MATOP_MULT = 3  # of PETSc's petscmat.h
 
 
-def replace_product(comm: MPI.Intracomm, mat: PETSc.Mat) -> None:
-    """Let a preallocated SBAIJ matrix multiply its diagonal block of this rank by this loop.
+def product_library(comm: MPI.Intracomm) -> ctypes.CDLL:
+    """The compiled product.
 
     Collective on comm.  Raises CompilationError as `library`.
     """
-    operation = _operation(library(comm, _SOURCE))
+    result, petsc = library(comm, _SOURCE), ctypes.CDLL(PETSc.__file__)
+    addresses = [ctypes.cast(petsc[name], ctypes.c_void_p) for name in _CALLED]
+    result.use((ctypes.c_void_p * len(addresses))(*addresses))
+    return result
+
+
+def replace_product(mat: PETSc.Mat, compiled: ctypes.CDLL) -> None:
+    """Replace PETSc's product with this rank's diagonal block of a preallocated SBAIJ matrix, columns of its own nodes.
+
+    Local.  The blocks in columns of other ranks and the exchange stay PETSc's.  Another preallocation undoes it.
+    """
     block = ctypes.c_void_p(mat.getDiagonalBlock().handle)
-    _petsc().MatSetOperation(block, _MULTIPLY, operation)  # petsc4py lacks it
-
-
-@cache
-def _petsc() -> ctypes.CDLL:
-    return ctypes.CDLL(PETSc.__file__)
-
-
-@cache
-def _operation(loops: ctypes.CDLL) -> Callable[..., int]:
-    """A function in C that PETSc can call, kept as long as the program: matrices point to it."""
-    petsc, at = _petsc(), ctypes.byref
-
-    def product(*handles: int) -> int:
-        mat, x, y = map(ctypes.c_void_p, handles)
-        first, column, block, here, there = (ctypes.c_void_p() for _ in range(5))
-        rows, done = _Index(), ctypes.c_int()
-        graph = mat, _Index(0), 0, 1, at(rows), at(first), at(column), at(done)  # in blocks, from 0
-        codes = [
-            petsc.MatGetRowIJ(*graph),
-            petsc.MatSeqSBAIJGetArray(mat, at(block)),
-            petsc.VecGetArrayRead(x, at(here)),
-            petsc.VecGetArrayWrite(y, at(there)),
-        ]
-        if any(codes):
-            return max(codes)
-        loops.multiply(rows, first, column, block, here, there)
-        stored = ctypes.cast(first, ctypes.POINTER(_Index))[rows.value]
-        PETSc.Log.logFlops(18.0 * (2 * stored - rows.value))
-        return max(
-            petsc.VecRestoreArrayWrite(y, at(there)),
-            petsc.VecRestoreArrayRead(x, at(here)),
-            petsc.MatSeqSBAIJRestoreArray(mat, at(block)),
-            petsc.MatRestoreRowIJ(*graph),
-        )
-
-    return _Operation(product)
+    ctypes.CDLL(PETSc.__file__).MatSetOperation(block, _MATOP_MULT, compiled.product)  # petsc4py lacks it

@@ -22,7 +22,7 @@ from fx_contact.parallel.errors import CompilationError
 #: forces of a cell of degree 2 take 17 microseconds with -O2, DOLFINx's default, and 9 with these.
 _FLAGS = ["-O3", "-fno-math-errno", "-fno-signed-zeros", "-fno-trapping-math", "-fassociative-math"]
 _ARGS = "cffi_extra_compile_args"
-_T = TypeVar("_T")
+_Thing = TypeVar("_Thing")
 
 
 def compiled(comm: MPI.Intracomm, form: ufl.Form) -> fem.Form:
@@ -37,22 +37,27 @@ def compiled(comm: MPI.Intracomm, form: ufl.Form) -> fem.Form:
 def library(comm: MPI.Intracomm, source: str) -> ctypes.CDLL:
     """Functions in C, compiled with the flags of forms, or from a file beside FFCx's.
 
-    Collective on comm, the user's communicator.  Raises CompilationError as `compiled`.
+    Collective on comm, the user's communicator.  Raises CompilationError if they cannot be compiled, kept or loaded on
+    some rank.
     """
-    return _loaded(_on_all_ranks(comm, lambda: _built(comm, source)))
+    return _on_all_ranks(comm, lambda: _loaded(_built(comm, source)))
 
 
 def _build(source: str) -> Path:
-    """The file of a library, by a hash of what it is made of; two programs may make it at the same time."""
+    """The library's file, named by a hash of compiler, flags and source; programs may compile it at the same time."""
     compiler = [*shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc"), *_flags()]
     folder = jit.get_options()["cache_dir"]
-    result = Path(folder) / f"libfx_contact_{sha256(repr((compiler, source)).encode()).hexdigest()}.so"
+    name = sha256(repr((compiler, source)).encode()).hexdigest()
+    result: Path = folder / f"libfx_contact_{name}{sysconfig.get_config_var('EXT_SUFFIX')}"  # which names the machine
     if not result.exists():
-        result.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=folder) as made:
-            code, out = Path(made) / "source.c", Path(made) / result.name
+            code, out = Path(made) / "source.c", Path(made) / "library.so"
             code.write_text(source)
-            subprocess.run([*compiler, "-shared", "-fPIC", "-o", out, code], check=True, capture_output=True)
+            words = [*compiler, "-shared", "-fPIC", "-o", str(out), str(code)]
+            run = subprocess.run(words, capture_output=True, text=True, check=False)
+            if run.returncode:
+                raise RuntimeError(f"{shlex.join(words)}: exit code {run.returncode} {' '.join(run.stderr.split())}")
             out.replace(result)
     return result
 
@@ -67,7 +72,8 @@ def _flags() -> list[str]:
     return _FLAGS if given == jit.DOLFINX_DEFAULT_JIT_OPTIONS[_ARGS][0] else [*_FLAGS, *given]
 
 
-def _on_all_ranks(comm: MPI.Intracomm, build: Callable[[], _T]) -> _T:
+def _on_all_ranks(comm: MPI.Intracomm, build: Callable[[], _Thing]) -> _Thing:
+    """Result of a compilation on each rank, or the same CompilationError on all.  Collective on comm."""
     result, failure = None, None
     try:
         result = build()
@@ -79,7 +85,7 @@ def _on_all_ranks(comm: MPI.Intracomm, build: Callable[[], _T]) -> _T:
         return result
     folder = str(jit.get_options()["cache_dir"])
     raise CompilationError(
-        f"the kernels of the finite elements cannot be compiled ({reason}): see that there is a C compiler (CC "
-        f"says which, if not the system's) and that {folder!r} can be written and has room, or name another folder by "
-        "XDG_CACHE_HOME; if an earlier run was killed, remove the file that it has left there"
+        f"kernels in C cannot be compiled ({reason}): see that there is a C compiler (CC says which, if not the "
+        f"system's) and that {folder!r} can be written, has room and is not mounted noexec, or name another folder by "
+        "XDG_CACHE_HOME; if FFCx waits for what a killed run has left there, remove the file"
     ) from failure

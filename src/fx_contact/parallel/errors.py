@@ -51,7 +51,7 @@ class ValidityError(FxContactError):
 
 
 class CompilationError(FxContactError):
-    """The finite element kernels cannot be compiled: no compiler, or no writable cache folder."""
+    """Kernels in C cannot be compiled or loaded: no compiler, or no cache folder that can be written."""
 
 
 class CallError(FxContactError):
