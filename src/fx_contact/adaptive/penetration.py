@@ -10,7 +10,7 @@ from fx_contact.adaptive.validity import ModelWarning, Point
 from fx_contact.contact.settling import approaches
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.leaf_mesh import leaf_positions
-from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.parallel.box_search import Boxes, meeting_boxes
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.problem import hexahedron
@@ -44,6 +44,10 @@ class _Samples(NamedTuple):
     body: Int64Array
     before: FloatArray
     now: FloatArray
+
+    def some(self, rows: IntArray | BoolArray) -> "_Samples":
+        """Some of them."""
+        return _Samples(self.facet[rows], self.body[rows], self.before[rows], self.now[rows])
 
 
 def penetrations(state: SolvedState) -> list[ModelWarning]:
@@ -124,15 +128,20 @@ def _in_bodies(state: SolvedState, nodal: FloatArray, depth: float, near: BoolAr
     of_two = np.array([len(interface.surfaces) == 2 for interface in scene.interfaces] + [False])
     samples = _samples(state, nodal, depth, near[:, None] & ~of_two[scene.contact_surfaces.contact])
     cells = np.flatnonzero(near[forest.cell])
-    nodes = leaf_positions(forest, cells, 2)
-    before, middles = nodes[:, hexahedron.corner_nodes(2)], nodes[:, _MIDDLES]
+    body_of = scene.mesh.body[forest.cell]
+    before = leaf_positions(forest, cells, 1)
     now = before + nodal[space.cells[cells][:, hexahedron.corner_nodes(space.degree)]]
-    points = np.stack([samples.before, samples.now], axis=1)
+    points, around = np.stack([samples.before, samples.now], axis=1), np.concatenate([before, now], axis=1)
+    kept = _near_others(comm, len(bodies), around, body_of[cells], points, samples.body)
+    cells, before, now, around = cells[kept], before[kept], now[kept], around[kept]
+    kept = _near_others(comm, len(bodies), points, samples.body, around, body_of[cells])
+    points, samples = points[kept], samples.some(kept)
+    middles = leaf_positions(forest, cells, 2)[:, _MIDDLES]
     names = np.column_stack([np.full(len(cells), comm.rank), np.arange(len(cells))])
-    query, name = meeting_boxes(comm, _around(points), _around(np.concatenate([before, now], axis=1)), names)
+    query, name = meeting_boxes(comm, _around(points), _around(around), names)
     away = Exchange(comm, name[:, 0])
     there, point, own = away.forward(name[:, 1]), away.forward(points[query]), away.forward(samples.body[query])
-    body, hollow = scene.mesh.body[forest.cell[cells]][there], _hollow(before, middles)[there]
+    body, hollow = body_of[cells][there], _hollow(before, middles)[there]
     within = np.stack([_within(c[there], hollow, point[:, i]) for i, c in enumerate((before, now))], axis=1)
     within, body = away.backward(within & (body != own)[:, None]), away.backward(body).astype(np.int64)
     fresh = within[:, 1] & ~np.isin(query, query[within[:, 0]])
@@ -140,7 +149,27 @@ def _in_bodies(state: SolvedState, nodal: FloatArray, depth: float, near: BoolAr
     result = []
     for a, b in np.unique(pairs[fresh], axis=0):
         rows = np.unique(query[fresh & (pairs == (a, b)).all(axis=1)])
-        result.append((f"bodies {bodies[a]!r} and {bodies[b]!r}", _Samples(*(column[rows] for column in samples))))
+        result.append((f"bodies {bodies[a]!r} and {bodies[b]!r}", samples.some(rows)))
+    return result
+
+
+def _near_others(
+    comm: MPI.Intracomm, bodies: int, points: FloatArray, body: IntArray, others: FloatArray, of: IntArray
+) -> BoolArray:
+    """True for groups (n, k, 3) whose boxes meet the box of all other groups (m, l, 3) of another body, on any rank.
+
+    Collective.
+    """
+    boxes, around = _around(points), _around(others)
+    low, high = np.full((bodies, 3), np.inf), np.full((bodies, 3), -np.inf)
+    np.minimum.at(low, of, around.low)
+    np.maximum.at(high, of, around.high)
+    comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
+    result: BoolArray = np.zeros(len(points), dtype=bool)
+    for other in range(bodies):
+        meet = ((boxes.low <= high[other]) & (low[other] <= boxes.high)).all(axis=1)
+        result |= meet & (body != other)
     return result
 
 
@@ -186,7 +215,7 @@ def _in_obstacles(state: SolvedState, nodal: FloatArray, depth: float) -> list[t
         for body in np.unique(samples.body[inside]):
             names = f"body {scene.mesh.bodies[body]!r} and the {pair.obstacle.name} below {pair.first!r}"
             rows = inside & (samples.body == body)
-            result.append((names, _Samples(*(column[rows] for column in samples))))
+            result.append((names, samples.some(rows)))
     return result
 
 
