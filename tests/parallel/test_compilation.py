@@ -55,7 +55,7 @@ def test_library(cache):
     source = "int twice(int number) { return 2 * number; }"
     assert [library(WORLD, source).twice(21) for _ in range(2)] == [42, 42]
     everywhere(len(list(cache.iterdir())) == 1, "one file")
-    with pytest.raises(CompilationError, match="cannot be compiled .*exit code 1.*source.c.*there is a C compiler"):
+    with pytest.raises(CompilationError, match="cannot be compiled .*exit status 1.*source.c.*there is a C compiler"):
         library(WORLD, source.replace(";", ""))
     broken = source.replace("twice", "double_")
     file = compilation._built(WORLD, broken)

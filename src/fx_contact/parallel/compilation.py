@@ -55,9 +55,10 @@ def _build(source: str) -> Path:
             code, out = Path(made) / "source.c", Path(made) / "library.so"
             code.write_text(source)
             words = [*compiler, "-shared", "-fPIC", "-o", str(out), str(code)]
-            run = subprocess.run(words, capture_output=True, text=True, check=False)
-            if run.returncode:
-                raise RuntimeError(f"{shlex.join(words)}: exit code {run.returncode} {' '.join(run.stderr.split())}")
+            try:
+                subprocess.check_output(words, stderr=subprocess.STDOUT, text=True)
+            except subprocess.CalledProcessError as error:
+                raise RuntimeError(f"{error} {' '.join(error.output.split())}") from error
             out.replace(result)
     return result
 
