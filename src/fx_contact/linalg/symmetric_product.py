@@ -1,7 +1,7 @@
 """Product of a matrix in symmetric blocks of 3 (SBAIJ) with a vector.
 
-PETSc's (`MatMult_SeqSBAIJ_3`) adds each block of a row to sums in memory and waits for them: twice the time of the same
-loop with the sums in registers (`studies.cost.products`).
+PETSc's (`MatMult_SeqSBAIJ_3`) adds each block of a row to sums in memory and waits for them: 1.8 to 2 times the time of
+the same loop with the sums in registers (`studies.cost.products`).
 """
 
 import ctypes
