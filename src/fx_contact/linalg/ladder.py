@@ -49,12 +49,12 @@ class Ladder:
 
     Args:
         entries: of the matrix.
-        mixed: pressures are unknowns too; then an iteration costs twice as much (`studies.cost.flat`).
+        mixed: pressures are unknowns too.
     """
 
     def __init__(self, solver: Solver, unknowns: int, entries: int, coarse: CoarseLevel | None, mixed: bool) -> None:
         self._most, self._unknowns = solver.max_krylov, unknowns
-        self._flops = FLOPS * entries * (2 if mixed else 1)  # in the time of an iteration
+        self._flops = FLOPS * entries  # in the time of an iteration
         self.name = solver.preconditioner or ("boomeramg" if coarse is None else "p-multigrid")
         flat = coarse is not None and coarse.blocks is not None
         self._arguments = self.name, unknowns, MIXED_CYCLES if mixed else 1, flat

@@ -153,8 +153,8 @@ class LinearSolver:
             return equations
         return replace(equations, load=equations.load - self._volume.prescribed_forces(u))
 
-    def _matrix_to_factorise(self) -> PETSc.Mat:
-        mat = as_aij(self.matrix)
+    def _with_volume_term(self, mat: PETSc.Mat) -> PETSc.Mat:
+        """The matrix after adding the volume term, which changes no sparsity."""
         if self._volume is not None:
             self._volume.add_to(mat)
         return mat
@@ -164,14 +164,14 @@ class LinearSolver:
         self._ladder.check_at(None)
         if self._replaced or self.preconditioner in FALLBACKS or not ladder.can_be_made(self._comm, 0.0):
             return False
-        mat = self._matrix_to_factorise()
+        mat = as_aij(self.matrix)
         if self._factors is None:
             self._factors = ladder.analysed(mat)
         price = self._ladder.iterations(self._factors.flops)
         if price > spent:
             self._ladder.check_at(price)
         elif ladder.can_be_made(self._comm, self._factors.memory):
-            method = self._replacement("cholesky", mat)
+            method = self._replacement("cholesky", self._with_volume_term(mat))
             if not method.preconditioner.pc.getFailedReason():
                 self._method.preconditioner.pc.reset()
                 self._replace("cholesky", method)
@@ -185,7 +185,7 @@ class LinearSolver:
         if name is None:
             return False
         if name == "cholesky":
-            mat = self._matrix_to_factorise()
+            mat = self._with_volume_term(as_aij(self.matrix))
         else:
             mat = self.matrix if self.matrix.type == PETSc.Mat.Type.HYPRE else as_aij(self.matrix)
         self._method.preconditioner.pc.reset()
