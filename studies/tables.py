@@ -326,9 +326,9 @@ def shown(rows):
 
 
 def three(rows):
-    """Of these the points of degree 2 whose true errors are nearest to 5, 1 and 0.25 %."""
+    """Of these the points of degree 2 whose true errors are nearest to 5, 1 and 0.1 %."""
     points = [r for r in shown(rows) if r["line"] == "degree 2" and r["true_error"] != ""]
-    return [min(points, key=lambda r: abs(log(r["true_error"] / wanted))) for wanted in (0.05, 0.01, 0.0025)]
+    return [min(points, key=lambda r: abs(log(r["true_error"] / wanted))) for wanted in (0.05, 0.01, 0.001)]
 
 
 def by_goal(rows):

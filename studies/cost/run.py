@@ -6,7 +6,7 @@ CPU seconds are those of all ranks and all steps, without compilation, start of 
 largest resident size of all ranks together.
 
     python3 -m studies.cost.run                  # the pages' table, without the large runs
-    python3 -m studies.cost.run --large          # with them: 20 minutes, 16 GB
+    python3 -m studies.cost.run --large          # with them: 15 minutes, 16 GB
     python3 -m studies.cost.run --study hertz orders growth ranks python
 
 Each study leaves a table, STUDY.csv, in results/cost, and prints it.

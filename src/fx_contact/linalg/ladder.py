@@ -21,8 +21,8 @@ from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.solver_options import PRECONDITIONERS, Solver, preconditioner_options
 from fx_contact.parallel.memory import shortage
 
-#: Operations of a factorisation in the time of an iteration, for each entry of the matrix: 30 where a core has the
-#: memory to itself, 50 to 120 where others use it too (`studies.cost.flat --factors`).
+#: Operations of a factorisation in the time of an iteration, for each entry of the matrix: 20 to 73 where a core has
+#: the memory to itself, 50 to 120 where others use it too (`studies.cost.flat --factors`).
 FLOPS = 60.0
 #: Most iterations that factors of the coarse level may cost.  They save 1 to 65 (`studies.cost.distorted`).
 COARSE = 5.0
