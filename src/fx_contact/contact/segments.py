@@ -33,7 +33,8 @@ _BEYOND = 0.5
 #: Facets are flat with straight edges if they differ from their corners' bilinear map by this part of their size.
 _FLAT = 1e-9
 #: Highest degree of a rule, and digits by which rules for distorted quadrilaterals are chosen.  Integrals of functions
-#: on warped planes of 3 x 3 to 13 x 12 facets are off by 8e-12 with 6 digits, 7e-14 with 8, 3e-15 with 10 or 13.
+#: on warped planes of 3 x 3 to 13 x 12 facets are off by up to 2e-11 with 8 digits, 1e-13 with 10, 3e-16 with 13
+#: (`test_segments`, whose triangles differ between processors).
 _MOST, _DIGITS = 30, 10
 #: Ends of the counter-clockwise sides among corners with u fastest.
 _AROUND = np.array([0, 1, 3, 2])
