@@ -22,7 +22,7 @@ from fx_contact.linalg.solver_options import PRECONDITIONERS, Solver, preconditi
 from fx_contact.parallel.memory import shortage
 
 #: Operations of a factorisation in the time of an iteration, for each entry of the matrix: 20 to 73 where a core has
-#: the memory to itself, 50 to 120 where others use it too (`studies.cost.flat --factors`).
+#: the memory to itself, 50 to 150 where others use it too (`studies.cost.flat --factors`).
 FLOPS = 60.0
 #: Most iterations that factors of the coarse level may cost.  They save 1 to 65 (`studies.cost.distorted`).
 COARSE = 5.0
@@ -109,7 +109,7 @@ class Factors:
 
 
 def analysed(matrix: PETSc.Mat) -> Factors:
-    """The costs of factors of an SPD AIJ matrix.
+    """The costs of factors of an SPD matrix, AIJ or SBAIJ.
 
     Collective on matrix.comm.  Ordering and counts hardly depend on the number of ranks; the memory grows with it.
     """

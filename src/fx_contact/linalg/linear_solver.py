@@ -9,7 +9,7 @@ from petsc4py import PETSc
 from fx_contact.linalg import ladder
 from fx_contact.linalg.krylov import ConjugateGradients, KrylovMethod, KrylovSolver
 from fx_contact.linalg.ladder import FALLBACKS, Factors, Ladder
-from fx_contact.linalg.matrix import BlockMatrix, as_aij
+from fx_contact.linalg.matrix import BlockMatrix, as_aij, is_symmetric
 from fx_contact.linalg.mixed_form import FlexibleGmres, PressureOperator
 from fx_contact.linalg.operator import Equations, MatrixOperator
 from fx_contact.linalg.p_multigrid import CoarseLevel
@@ -64,6 +64,7 @@ class LinearSolver:
         unknowns = matrix.mat.getSize()[0]
         self._ladder = Ladder(solver, unknowns, matrix.entries, coarse, volume is not None)
         self._factors: Factors | None = None  # not analysed
+        self._copy = 0.0 if matrix.symmetric else 12.0 * matrix.entries  # bytes of a copy in AIJ, for the analysis
         of_user = PetscOptions(self._comm, _PREFIX, {}, solver.options).of_user
         if "pc_type" in of_user:
             self._ladder.check_at(None)
@@ -162,23 +163,32 @@ class LinearSolver:
     def _factorise(self, spent: int) -> bool:
         """Change to Cholesky factors if they cost at most so many iterations; False: later, or they do not fit."""
         self._ladder.check_at(None)
-        if self._replaced or self.preconditioner in FALLBACKS or not ladder.can_be_made(self._comm, 0.0):
+        if self._replaced or self.preconditioner in FALLBACKS or not ladder.can_be_made(self._comm, self._copy):
             return False
-        mat = as_aij(self.matrix)
         if self._factors is None:
-            self._factors = ladder.analysed(mat)
+            self._factors = self._analysed()
         price = self._ladder.iterations(self._factors.flops)
         if price > spent:
             self._ladder.check_at(price)
         elif ladder.can_be_made(self._comm, self._factors.memory):
-            method = self._replacement("cholesky", self._with_volume_term(mat))
+            mat = self._with_volume_term(as_aij(self.matrix))
+            method = self._replacement("cholesky", mat)
             if not method.preconditioner.pc.getFailedReason():
                 self._method.preconditioner.pc.reset()
                 self._replace("cholesky", method)
                 return True
             method.preconditioner.pc.reset()
-        mat.destroy()
+            mat.destroy()
         return False
+
+    def _analysed(self) -> Factors:
+        """The costs of factors: without a copy of a symmetric matrix, and without the volume term."""
+        mat = self.matrix if is_symmetric(self.matrix) else as_aij(self.matrix)
+        mat.setOption(PETSc.Mat.Option.SPD, True)
+        factors = ladder.analysed(mat)
+        if mat is not self.matrix:
+            mat.destroy()
+        return factors
 
     def _fall_back(self) -> bool:
         name = None if self._replaced else self._ladder.fallback(self._comm, self.preconditioner)
