@@ -136,7 +136,7 @@ def test_distorted_facets_of_a_plane(degree, order, amount):
     assert (np.diff(found.pair) >= 0).all()
     one, two = pairs[found.pair].T
     at = [found.weight[:, None] * face_functions(degree, uv) for uv in (found.first, found.second)]
-    # Digits that the rule keeps on distorted facets; whether it has more depends on the rounding of their corners.
+    # The digits by which rules for distorted facets are chosen.
     bound = 1e-14 if amount == 0 else exact(second).max() * 10.0**-segments._DIGITS
     assert np.abs(whole(first, at[0], one) - exact(first)).max() < bound
     assert np.abs(whole(second, at[1], two) - exact(second)).max() < bound

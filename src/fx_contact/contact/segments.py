@@ -33,8 +33,8 @@ _BEYOND = 0.5
 #: Facets are flat with straight edges if they differ from their corners' bilinear map by this part of their size.
 _FLAT = 1e-9
 #: Highest degree of a rule, and digits by which rules for distorted quadrilaterals are chosen.  Integrals of functions
-#: on warped planes of 3 x 3 to 13 x 12 facets are off by up to 2e-11 with 8 digits, 1e-13 with 10, 3e-16 with 13
-#: (`test_segments`, whose triangles differ between processors).
+#: on a warped plane of 3 x 3 and 4 x 3 facets (`test_segments`) are off by 2e-11 with 8 digits, 1e-13 with 10 and 3e-16
+#: with 13 on an AMD EPYC; with 10 by less than 1e-14 on an Intel Xeon.
 _MOST, _DIGITS = 30, 10
 #: Ends of the counter-clockwise sides among corners with u fastest.
 _AROUND = np.array([0, 1, 3, 2])

@@ -64,7 +64,8 @@ class LinearSolver:
         unknowns = matrix.mat.getSize()[0]
         self._ladder = Ladder(solver, unknowns, matrix.entries, coarse, volume is not None)
         self._factors: Factors | None = None  # not analysed
-        self._copy = 0.0 if matrix.symmetric else 12.0 * matrix.entries  # bytes of a copy in AIJ, for the analysis
+        # Bytes of an AIJ copy for the analysis: 12 an entry, and as many in PETSc's conversion from hypre's format.
+        self._copy = 0.0 if matrix.symmetric else 24.0 * matrix.entries
         of_user = PetscOptions(self._comm, _PREFIX, {}, solver.options).of_user
         if "pc_type" in of_user:
             self._ladder.check_at(None)

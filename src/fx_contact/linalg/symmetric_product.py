@@ -1,6 +1,6 @@
 """Product of a matrix in symmetric blocks of 3 (SBAIJ) with a vector.
 
-PETSc's (`MatMult_SeqSBAIJ_3`) adds each block of a row to sums in memory and waits for them: 1.8 to 2 times the time of
+PETSc's (`MatMult_SeqSBAIJ_3`) adds each block of a row to sums in memory and waits for them: 1.3 to 2 times the time of
 the same loop with the sums in registers (`studies.cost.products`).
 """
 
