@@ -17,7 +17,6 @@ from mpi4py import MPI
 from fx_contact.adaptive.settings import DEGREE
 from fx_contact.adaptive.step_record import SolveRecord, record_of_solve
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
-from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.estimator import Estimate, Estimator
 from fx_contact.estimate.shear_free import ShearFree
@@ -30,16 +29,17 @@ from fx_contact.fem.space import Space
 from fx_contact.fem.supports import Supports
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
+from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.geometry.shapes import root_mesh_from_shapes
+from fx_contact.geometry.solids import ring
+from fx_contact.items.materials import Material
+from fx_contact.law.contact_solver import solve_contact
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.compilation import compiled
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem.contact_surfaces import ContactSurfaces
-from fx_contact.problem.facet_pairing import Pairing
-from fx_contact.problem.materials import Material
-from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.shapes import root_mesh_from_shapes
-from fx_contact.problem.solids import ring
 from fx_contact.results.accuracy import field_error, fine_quadrature
+from fx_contact.surfaces.contact_surfaces import ContactSurfaces
+from fx_contact.surfaces.facet_pairing import Pairing
 
 #: Centre x_c on the inner surface, width w and direction d of u = d exp(-|x - x_c|^2 / (2 w^2)) [m].
 _CENTRE, _WIDTH, _DIRECTION = (0.5 / np.sqrt(2), 0.5 / np.sqrt(2), 0.25), 0.12, (0.6, -0.3, 1.0)

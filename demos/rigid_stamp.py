@@ -10,9 +10,18 @@ from common import COMM, Report, parse, parser, plain_errors, settings
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from fx_contact import ContactPair, Dirichlet, Material, RigidSurface, Scene, SymmetryPlane, adapt
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Material,
+    RigidSurface,
+    Scene,
+    SymmetryPlane,
+    adapt,
+    block,
+    root_mesh_from_shapes,
+)
 from fx_contact.plot import draw_mesh, draw_stress
-from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.results import true_error, write_fields
 
 FLAT, SIZE, MATERIAL = 1.0, 30.0, Material(young=1.0, poisson=0.3)

@@ -9,9 +9,19 @@ import argparse
 import numpy as np
 from common import COMM, Report, parse, parser, plain_errors, settings
 
-from fx_contact import ContactPair, Dirichlet, Material, Scene, SymmetryPlane, Traction, adapt
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Material,
+    Scene,
+    SymmetryPlane,
+    Traction,
+    adapt,
+    block,
+    cylinder,
+    root_mesh_from_shapes,
+)
 from fx_contact.plot import draw_mesh, draw_stress
-from fx_contact.problem import block, cylinder, root_mesh_from_shapes
 from fx_contact.results import HertzLine, true_error, write_fields
 
 RADIUS, SIDE, LENGTH = 50.0, 200.0, 10.0

@@ -10,9 +10,19 @@ import argparse
 import numpy as np
 from common import COMM, Report, parse, parser, plain_errors, settings
 
-from fx_contact import BodyForce, ContactPair, Dirichlet, Material, Scene, SymmetryPlane, adapt
+from fx_contact import (
+    BodyForce,
+    ContactPair,
+    Dirichlet,
+    Material,
+    Scene,
+    SymmetryPlane,
+    adapt,
+    cylinder,
+    ring,
+    root_mesh_from_shapes,
+)
 from fx_contact.plot import draw_mesh, draw_stress
-from fx_contact.problem import cylinder, ring, root_mesh_from_shapes
 from fx_contact.results import Persson, true_error, write_fields
 
 BORE, HUB, LENGTH, MATERIAL = 1.0, 6.0, 0.25, Material(young=1.0, poisson=0.3)

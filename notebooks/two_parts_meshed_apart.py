@@ -24,7 +24,7 @@
 import gmsh
 from mpi4py import MPI
 
-from fx_contact.problem import Shape, block, root_mesh_from_gmsh, root_mesh_from_shapes
+from fx_contact import Shape, block, root_mesh_from_gmsh, root_mesh_from_shapes
 
 RADIUS, HEIGHT, SIZE = 8.0, 24.0, 3.5
 

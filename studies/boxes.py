@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from fx_contact.problem import hexahedron
-from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.solids import block
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.geometry.solids import block
 
 #: Local faces of a box cell by where they look.
 DOWN, FRONT, LEFT, RIGHT, BACK, UP = range(6)

@@ -12,12 +12,12 @@ from fx_contact.contact.dual_functions import DualFunctions, SegmentIntegrals
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
-from fx_contact.problem.contact_surfaces import ContactSurfaces
-from fx_contact.problem.facet_pairing import Pairing
-from fx_contact.problem.leaf_facets import LeafFacets
-from fx_contact.problem.root_facets import face_functions
-from fx_contact.problem.shapes import join, root_mesh_from_shapes
-from fx_contact.problem.solids import block
+from fx_contact.geometry.leaf_facets import LeafFacets
+from fx_contact.geometry.root_facets import face_functions
+from fx_contact.geometry.shapes import join, root_mesh_from_shapes
+from fx_contact.geometry.solids import block
+from fx_contact.surfaces.contact_surfaces import ContactSurfaces
+from fx_contact.surfaces.facet_pairing import Pairing
 
 
 def forest_of(mesh):

@@ -11,7 +11,6 @@ from scipy.sparse import coo_matrix
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_solver import elasticity_of
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
-from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
@@ -21,19 +20,20 @@ from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
 from fx_contact.forest.partition_quality import PartitionSummary
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.hexahedron import CORNERS
+from fx_contact.geometry.lattice import BITS, SIDE
+from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.geometry.shapes import join, root_mesh_from_shapes, rotation
+from fx_contact.geometry.solids import BACK, BOTTOM, FRONT, LEFT, RIGHT, TOP, block
+from fx_contact.items.boundary_conditions import Dirichlet, SymmetryPlane, Traction
+from fx_contact.items.contact import ContactPair
+from fx_contact.items.materials import Material
+from fx_contact.law.contact_solver import solve_contact
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem import hexahedron
-from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane, Traction
-from fx_contact.problem.contact import ContactPair
-from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.hexahedron import CORNERS
-from fx_contact.problem.lattice import BITS, SIDE
-from fx_contact.problem.materials import Material
-from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.scene import Scene
-from fx_contact.problem.shapes import join, root_mesh_from_shapes, rotation
-from fx_contact.problem.solids import BACK, BOTTOM, FRONT, LEFT, RIGHT, TOP, block
+from fx_contact.scene.scene import Scene
+from fx_contact.surfaces.facet_pairing import leaf_code
 
 #: Sides of a block along x, y, z.
 SIDES = LEFT, RIGHT, FRONT, BACK, BOTTOM, TOP

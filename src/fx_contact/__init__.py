@@ -5,16 +5,26 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.adaptive.contact_line import ContactLine
 from fx_contact.adaptive.contact_state import ContactState, ContactTable
-from fx_contact.adaptive.load_path import Sweep, SweepPoint, sweep
-from fx_contact.adaptive.resultants import Resultant
 from fx_contact.adaptive.solving import solve
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord, TrueError
-from fx_contact.adaptive.sweep_record import SweepRecord
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.goal_errors import GoalRecord
 from fx_contact.estimate.quantities import ContactForce, Displacement, Gap, MaxPressure, Reaction
+from fx_contact.geometry.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
+from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.geometry.shapes import Shape, join, root_mesh_from_shapes
+from fx_contact.geometry.solids import ball, block, cylinder, ring
+from fx_contact.geometry.swept_shapes import extrude, revolve, sweep_side
+from fx_contact.items.boundary_conditions import BodyForce, Dirichlet, Pressure, RigidMotion, SymmetryPlane, Traction
+from fx_contact.items.contact import ContactPair
+from fx_contact.items.elastic_support import Elastic
+from fx_contact.items.materials import Material, Orthotropic
+from fx_contact.items.obstacles import RigidCone, RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from fx_contact.items.rigid_loads import RigidLoad
+from fx_contact.items.stress_free_strains import InitialStrain, ThermalStrain
+from fx_contact.items.ties import Preload, Tie
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import (
     CallError,
@@ -31,27 +41,10 @@ from fx_contact.parallel.errors import (
 )
 from fx_contact.parallel.meeting import expect_end
 from fx_contact.parallel.validation import named_arguments
-from fx_contact.problem.boundary_conditions import (
-    BodyForce,
-    Dirichlet,
-    Pressure,
-    RigidMotion,
-    SymmetryPlane,
-    Traction,
-)
-from fx_contact.problem.contact import ContactPair
-from fx_contact.problem.elastic_support import Elastic
-from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
-from fx_contact.problem.materials import Material, Orthotropic
-from fx_contact.problem.obstacles import RigidCone, RigidCylinder, RigidPlane, RigidSphere, RigidSurface
-from fx_contact.problem.rigid_loads import RigidLoad
-from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.scene import Scene
-from fx_contact.problem.shapes import Shape, join, root_mesh_from_shapes
-from fx_contact.problem.solids import ball, block, cylinder, ring
-from fx_contact.problem.stress_free_strains import InitialStrain, ThermalStrain
-from fx_contact.problem.swept_shapes import extrude, revolve, sweep_side
-from fx_contact.problem.ties import Preload, Tie
+from fx_contact.path.load_path import Sweep, SweepPoint, sweep
+from fx_contact.path.sweep_record import SweepRecord
+from fx_contact.scene.scene import Scene
+from fx_contact.verdict.resultants import Resultant
 
 __version__ = "0.2.0"
 

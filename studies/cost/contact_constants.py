@@ -16,7 +16,8 @@ from unittest import mock
 from petsc4py import PETSc
 
 from fx_contact import Enforcement, ErrorControl, adapt
-from fx_contact.contact import constraint_rows, enforcement, initial_guess
+from fx_contact.contact import constraint_rows, enforcement
+from fx_contact.law import initial_guess
 from fx_contact.linalg import matrix
 from fx_contact.scenes import cylinders, hertz, indentation, shrink_fit
 from studies.tables import plain, write

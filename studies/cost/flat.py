@@ -18,12 +18,11 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fx_contact import Dirichlet, Material, Scene, SolveError, Solver, Traction, adapt
+from fx_contact import Dirichlet, Material, Scene, SolveError, Solver, Traction, adapt, block, root_mesh_from_shapes
 from fx_contact.fem import coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.linalg.ladder import FLOPS, analysed
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem import block, root_mesh_from_shapes
 from studies.tables import plain, write
 
 ASPECTS, POISSON = (1.0, 2.0, 4.0, 16.0, 100.0, 1000.0), (0.3, 0.49, 0.4999)

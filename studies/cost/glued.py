@@ -19,13 +19,13 @@ from mpi4py import MPI
 from demos.common import RankZeroParser, plain_errors  # first: it gives PETSc its options
 from fx_contact import Enforcement, Solver, adapt
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
-from fx_contact.contact.contact_solver import solve_contact
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
 from fx_contact.forest.partition import KINDS
+from fx_contact.law.contact_solver import solve_contact
 from fx_contact.scenes import hertz, indentation
 from studies.tables import plain, write
 

@@ -12,8 +12,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from fx_contact import ContactPair, Dirichlet, Material, Scene, Traction, adapt
-from fx_contact.problem import block, root_mesh_from_shapes
+from fx_contact import ContactPair, Dirichlet, Material, Scene, Traction, adapt, block, root_mesh_from_shapes
 from studies.tables import plain, write
 
 LENGTH, WIDTH, MODULUS = 0.1, 0.02, 210e9

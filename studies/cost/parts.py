@@ -22,10 +22,10 @@ from mpi4py import MPI
 from fx_contact import BodyForce, Dirichlet, Material, Traction, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import CheckpointWriter
+from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.plot import draw_stress
-from fx_contact.problem.fingerprint import scene_parts
-from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.output import write_fields
+from fx_contact.scene.fingerprint import scene_parts
 from fx_contact.scenes import patch
 from studies.tables import TABLES, write
 

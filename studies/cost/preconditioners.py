@@ -17,9 +17,19 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from fx_contact import ContactPair, Dirichlet, ErrorControl, Material, Scene, Solver, Traction, adapt
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    ErrorControl,
+    Material,
+    Scene,
+    Solver,
+    Traction,
+    adapt,
+    block,
+    root_mesh_from_shapes,
+)
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
-from fx_contact.contact.contact_solver import _impose
 from fx_contact.contact.contact_system import ContactSystem
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
@@ -30,11 +40,11 @@ from fx_contact.fem.external_forces import load
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.law.contact_solver import _impose
 from fx_contact.linalg.matrix import distributed
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.scenes import hertz, indentation
 from studies.tables import plain, write
 

@@ -12,9 +12,19 @@ from pathlib import Path
 
 import numpy as np
 
-from fx_contact import ContactPair, Dirichlet, ErrorControl, Material, Pressure, Scene, SymmetryPlane, adapt
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    ErrorControl,
+    Material,
+    Pressure,
+    Scene,
+    SymmetryPlane,
+    adapt,
+    block,
+    root_mesh_from_shapes,
+)
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.problem import block, root_mesh_from_shapes
 from studies.runs import STAGES
 from studies.stability.shapes import DOWN, between, four_supports, held
 from studies.tables import plain, write

@@ -18,10 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from demos.manufactured_solution import adapt_manufactured
-from fx_contact import Dirichlet, ErrorControl, Material, Pressure, Scene, adapt
+from fx_contact import Dirichlet, ErrorControl, Material, Pressure, Scene, adapt, block, root_mesh_from_shapes
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.estimate.marking import for_tolerance
-from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.results.accuracy import energy_distance
 from fx_contact.scenes import hertz, indentation
 from studies.tables import write

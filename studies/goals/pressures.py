@@ -14,8 +14,19 @@ from pathlib import Path
 
 import numpy as np
 
-from fx_contact import ContactPair, Dirichlet, Material, RigidSphere, Scene, Step, SymmetryPlane, adapt, scenes
-from fx_contact.problem import block, root_mesh_from_shapes
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Material,
+    RigidSphere,
+    Scene,
+    Step,
+    SymmetryPlane,
+    adapt,
+    block,
+    root_mesh_from_shapes,
+    scenes,
+)
 from studies.tables import plain, write
 
 PLAIN = Material(young=1.0, poisson=0.3)

@@ -13,9 +13,19 @@ from pathlib import Path
 
 import numpy as np
 
-from fx_contact import ContactPair, Dirichlet, Material, RigidSphere, RigidSurface, Scene, SymmetryPlane, solve
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Material,
+    RigidSphere,
+    RigidSurface,
+    Scene,
+    SymmetryPlane,
+    ball,
+    root_mesh_from_shapes,
+    solve,
+)
 from fx_contact.parallel.arrays import FloatArray
-from fx_contact.problem import ball, root_mesh_from_shapes
 from studies.tables import plain, write
 
 #: Poisson's ratio and approach [m]; the balls have radius 1.

@@ -7,8 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_contact import ContactPair, Dirichlet, Material, Pressure, Scene, SymmetryPlane
-from fx_contact.problem import cylinder, join, ring, root_mesh_from_shapes, sweep_side
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Material,
+    Pressure,
+    Scene,
+    SymmetryPlane,
+    cylinder,
+    join,
+    ring,
+    root_mesh_from_shapes,
+    sweep_side,
+)
 
 #: Radius of the flat part and of the edge, height of the punch, radius and depth of the block [mm].
 FLAT, EDGE, HEIGHT, BLOCK = 40.0, 10.0, 60.0, 200.0

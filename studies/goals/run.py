@@ -30,9 +30,10 @@ from fx_contact import (
     Reaction,
     Scene,
     SymmetryPlane,
+    block,
+    root_mesh_from_shapes,
     solve,
 )
-from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import cylinders, hertz
 from studies.goals.axisymmetric_punch import LARGEST_PRESSURE

@@ -13,8 +13,20 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact import ContactForce, ContactPair, Dirichlet, Material, RigidSphere, Scene, SymmetryPlane, adapt
-from fx_contact.problem import cylinder, join, ring, root_mesh_from_shapes
+from fx_contact import (
+    ContactForce,
+    ContactPair,
+    Dirichlet,
+    Material,
+    RigidSphere,
+    Scene,
+    SymmetryPlane,
+    adapt,
+    cylinder,
+    join,
+    ring,
+    root_mesh_from_shapes,
+)
 from studies.layers.axisymmetric import COATING_POISSON, POISSON, RATIOS, SIZE, THICKNESS, WIDTHS, YOUNG, sphere
 from studies.tables import TOP, plain, read, write
 

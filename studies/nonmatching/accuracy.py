@@ -15,9 +15,22 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact import ContactPair, Dirichlet, Material, Pressure, Scene, Step, SymmetryPlane, adapt
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Material,
+    Pressure,
+    Scene,
+    Shape,
+    Step,
+    SymmetryPlane,
+    adapt,
+    ball,
+    block,
+    join,
+    root_mesh_from_shapes,
+)
 from fx_contact.parallel.arrays import FloatArray
-from fx_contact.problem import Shape, ball, block, join, root_mesh_from_shapes
 from fx_contact.results import true_error
 from fx_contact.results.reference_values import hertz_a
 from studies.tables import plain, write

@@ -14,11 +14,11 @@ from unittest.mock import patch
 
 import numpy as np
 
-from fx_contact import ContactPair, Dirichlet, Material, Pressure, Scene, Solver, adapt
+from fx_contact import ContactPair, Dirichlet, Material, Pressure, Scene, Solver, adapt, block, root_mesh_from_shapes
 from fx_contact.contact.mortar_rows import MortarRows
 from fx_contact.contact.projection import Projection
 from fx_contact.parallel.arrays import FloatArray
-from fx_contact.problem import block, nonmatching, root_mesh_from_shapes
+from fx_contact.surfaces import nonmatching
 from studies.tables import plain, write
 
 MESHES = (4, 4), (3, 4), (8, 8), (6, 8), (2, 8)

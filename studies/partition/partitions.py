@@ -5,9 +5,9 @@ from mpi4py import MPI
 
 from fx_contact import adapt
 from fx_contact.forest.partition import KINDS, along_curve, by_graph, curve_keys
+from fx_contact.geometry.lattice import MAX_LEVEL
 from fx_contact.parallel.errors import PartitionError
-from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.lattice import MAX_LEVEL
+from fx_contact.surfaces.facet_pairing import leaf_code
 from studies.partition.assignment import assign
 
 #: PT-SCOTCH differs from run to run, most where parts are few: up to so many parts, the median of so many runs.

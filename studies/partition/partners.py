@@ -10,8 +10,8 @@ from scipy.sparse import csr_matrix
 
 from fx_contact.fem.prolongation import _hanging_points, _masters, _points_on
 from fx_contact.forest.homes import Homes
-from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.lattice import MAX_LEVEL
+from fx_contact.geometry.lattice import MAX_LEVEL
+from fx_contact.surfaces.facet_pairing import leaf_code
 
 #: A key.
 BYTES = 8

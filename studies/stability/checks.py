@@ -24,7 +24,7 @@ from fx_contact import Solver
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
-from fx_contact.problem.rigid_loads import RigidFace
+from fx_contact.scene.rigid_faces import RigidFace
 
 #: Forces and displacements hold to this part of them, whatever the number of ranks and the solver: the contract.
 CONTRACT = 1e-7

@@ -17,9 +17,13 @@ from fx_contact import (
     SymmetryPlane,
     Tie,
     Traction,
+    ball,
+    block,
+    join,
+    ring,
+    root_mesh_from_shapes,
     solve,
 )
-from fx_contact.problem import ball, block, join, ring, root_mesh_from_shapes
 from studies.stability.shapes import DOWN, PLAIN, UP, between, held
 
 #: Width of a block that overhangs another one [m].

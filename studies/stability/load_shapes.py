@@ -22,9 +22,12 @@ from fx_contact import (
     ThermalStrain,
     Tie,
     Traction,
+    block,
+    join,
+    ring,
+    root_mesh_from_shapes,
     solve,
 )
-from fx_contact.problem import block, join, ring, root_mesh_from_shapes
 from studies.stability.interface_shapes import sides
 from studies.stability.shapes import DOWN, PLAIN, UP, held
 

@@ -34,7 +34,7 @@ from mpi4py import MPI
 from fx_contact import Enforcement, adapt
 from fx_contact.adaptive.settings import DEGREE
 from fx_contact.parallel.errors import FxContactError
-from fx_contact.problem.fingerprint import scene_parts
+from fx_contact.scene.fingerprint import scene_parts
 from studies import tables
 from studies.stability.cases import Twin, sample
 from studies.stability.checks import LOST, State

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from fx_contact import Enforcement, Material
-from fx_contact.problem.shapes import rotation
+from fx_contact.geometry.shapes import rotation
 from fx_contact.results.analytic import Hertz
 from fx_contact.scenes import indentation, punch, stack
 from studies.stability.cases import Case, Exact, Twin, exponent

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from fx_contact import BodyForce, ContactPair, Dirichlet, Material, Pressure, Scene, SymmetryPlane, Traction
-from fx_contact.problem import block, hexahedron, root_mesh_from_shapes
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.shapes import root_mesh_from_shapes
+from fx_contact.geometry.solids import block
 
 PLAIN = Material(young=1.0, poisson=0.3)
 UP, DOWN = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)

@@ -33,10 +33,10 @@ from fx_contact.forest import forest
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel import errors
 from fx_contact.parallel.errors import CheckpointError, OutputError, SceneError
-from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.results import output
 from fx_contact.results.output import RecordWriter
 from fx_contact.scenes import hertz
+from fx_contact.surfaces.facet_pairing import leaf_code
 
 HERTZ = Path(__file__).parents[2] / "demos" / "hertz.py"
 

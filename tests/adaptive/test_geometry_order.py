@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from fx_contact import adapt
 from fx_contact.fem.leaf_mesh import sufficient_order
-from fx_contact.problem import hexahedron
+from fx_contact.geometry import hexahedron
 from fx_contact.scenes import hertz
 from studies.cost.thin import ring
 

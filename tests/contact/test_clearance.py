@@ -18,10 +18,12 @@ from fx_contact import (
     SymmetryPlane,
     ValidityError,
     adapt,
+    block,
+    join,
+    root_mesh_from_shapes,
     solve,
     sweep,
 )
-from fx_contact.problem import block, join, root_mesh_from_shapes
 from fx_contact.scenes import hertz
 
 pytestmark = pytest.mark.ranks(1, 2, 3)

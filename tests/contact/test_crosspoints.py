@@ -7,8 +7,19 @@ import pytest
 from conftest import WORLD
 from model_problems import gathered
 
-from fx_contact import ContactPair, Dirichlet, Material, Pressure, RigidPlane, Scene, Solver, Tie, adapt
-from fx_contact.problem import block, root_mesh_from_shapes
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Material,
+    Pressure,
+    RigidPlane,
+    Scene,
+    Solver,
+    Tie,
+    adapt,
+    block,
+    root_mesh_from_shapes,
+)
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 

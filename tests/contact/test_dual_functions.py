@@ -9,9 +9,9 @@ from meshed_apart import Mortar, Side, hollow_ball
 from model_problems import scramble
 
 from fx_contact.contact.dual_functions import DualFunctions, SegmentIntegrals
-from fx_contact.problem.root_facets import face_functions
-from fx_contact.problem.shapes import rotation
-from fx_contact.problem.solids import ball, block
+from fx_contact.geometry.root_facets import face_functions
+from fx_contact.geometry.shapes import rotation
+from fx_contact.geometry.solids import ball, block
 
 pytestmark = pytest.mark.ranks(1)
 

@@ -7,7 +7,7 @@ from model_problems import scramble
 
 from fx_contact.contact.foot_points import places_in_planes
 from fx_contact.contact.polygons import Bilinear
-from fx_contact.problem.solids import ball, block
+from fx_contact.geometry.solids import ball, block
 
 pytestmark = pytest.mark.ranks(1)
 

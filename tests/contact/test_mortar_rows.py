@@ -20,11 +20,14 @@ from fx_contact import (
     Solver,
     SymmetryPlane,
     adapt,
+    block,
+    cylinder,
+    ring,
+    root_mesh_from_shapes,
 )
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.problem import block, cylinder, ring, root_mesh_from_shapes
 from fx_contact.scenes import hertz
 
 SIDES = ("left", "front", "right", "back", "bottom", "top")

@@ -32,14 +32,18 @@ from fx_contact import (
     SceneError,
     SymmetryPlane,
     adapt,
+    ball,
+    block,
+    cylinder,
+    ring,
+    root_mesh_from_shapes,
     solve,
     sweep,
 )
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.plot import draw_bodies, draw_mesh, plotter_for
-from fx_contact.problem import ball, block, cylinder, ring, root_mesh_from_shapes
-from fx_contact.problem.fingerprint import scene_parts
 from fx_contact.results import contact_functions, model_warnings
+from fx_contact.scene.fingerprint import scene_parts
 from fx_contact.scenes import hertz, indentation
 
 MATERIAL = Material(young=1.0, poisson=0.3)

@@ -16,9 +16,9 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.contact import KINDS, KeyedEntries, RowColumns, RowKind, create_rows
 from fx_contact.contact.contact_facets import facet_shares, moduli, nodal_sums, positions_across, spring_stiffness
 from fx_contact.contact.projection import Projection
+from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.items.contact import Contact
 from fx_contact.parallel.exchange import Exchange
-from fx_contact.problem.contact import Contact
-from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.scenes import hertz, patch, stack
 
 pytestmark = pytest.mark.ranks(1, 2, 3)

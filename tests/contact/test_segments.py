@@ -9,9 +9,9 @@ from scipy.spatial import ConvexHull
 from fx_contact.contact import segments
 from fx_contact.contact.polygons import Bilinear, clipped, signed_areas, triangles
 from fx_contact.contact.segments import Segments, create_segments
-from fx_contact.problem.root_facets import face_functions
-from fx_contact.problem.solids import ball, block
-from fx_contact.problem.surface_projection import SurfaceProjection
+from fx_contact.geometry.root_facets import face_functions
+from fx_contact.geometry.solids import ball, block
+from fx_contact.surfaces.surface_projection import SurfaceProjection
 
 pytestmark = pytest.mark.ranks(1)
 

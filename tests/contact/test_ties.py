@@ -27,13 +27,13 @@ from fx_contact import (
     Traction,
     adapt,
 )
-from fx_contact.contact import contact_solver
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.problem.fingerprint import scene_parts
-from fx_contact.problem.shapes import join, root_mesh_from_shapes
-from fx_contact.problem.solids import block
+from fx_contact.geometry.shapes import join, root_mesh_from_shapes
+from fx_contact.geometry.solids import block
+from fx_contact.law import contact_solver
+from fx_contact.scene.fingerprint import scene_parts
 
 all_ranks = pytest.mark.ranks(1, 2, 3)
 

@@ -17,10 +17,11 @@ from fx_contact import (
     SymmetryPlane,
     Tie,
     adapt,
+    block,
+    root_mesh_from_shapes,
     solve,
     sweep,
 )
-from fx_contact.problem import block, root_mesh_from_shapes
 
 FORCE = 1e-3
 

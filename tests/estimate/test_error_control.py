@@ -14,8 +14,8 @@ from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.estimator import Estimate
 from fx_contact.estimate.marking import for_tolerance
+from fx_contact.geometry.lattice import SIDE
 from fx_contact.parallel.errors import CheckpointError, SceneError
-from fx_contact.problem.lattice import SIDE
 from fx_contact.scenes import indentation, stack
 
 CONTACT, ENERGY = ErrorControl(), ErrorControl("energy")

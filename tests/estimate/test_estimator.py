@@ -29,11 +29,11 @@ from fx_contact.estimate.stress_recovery import StressRecovery, six
 from fx_contact.fem.external_forces import body_force
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.geometry.shapes import root_mesh_from_shapes
+from fx_contact.geometry.solids import block
+from fx_contact.items.boundary_conditions import BodyForce, Traction
+from fx_contact.items.materials import VOIGT, Material
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem.boundary_conditions import BodyForce, Traction
-from fx_contact.problem.materials import VOIGT, Material
-from fx_contact.problem.shapes import root_mesh_from_shapes
-from fx_contact.problem.solids import block
 
 DEGREES = pytest.mark.parametrize("degree", (1, 2))
 

@@ -8,15 +8,14 @@ from conftest import WORLD
 from model_problems import corner_scene, gathered, leaves, roots
 from mpi4py import MPI
 
-from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, adapt
+from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, adapt, block, root_mesh_from_shapes
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.contact.row_kinds import kinds_of
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes, _Facets, _simpson
 from fx_contact.fem.space import Space
-from fx_contact.problem import block, root_mesh_from_shapes
-from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.scenes import punch
+from fx_contact.surfaces.facet_pairing import leaf_code
 from studies.boxes import DOWN, LEFT, RIGHT, UP, Boxes
 from studies.stability.shapes import bump, in_two, on_block, ring, waves
 

@@ -23,6 +23,8 @@ from fx_contact import (
     Scene,
     SceneError,
     adapt,
+    block,
+    root_mesh_from_shapes,
     solve,
 )
 from fx_contact.adaptive.step_record import StepRecord
@@ -34,7 +36,6 @@ from fx_contact.estimate.goal_errors import judge_goals
 from fx_contact.estimate.quantities import Quantity
 from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem import block, root_mesh_from_shapes
 from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import hertz, indentation, stack
 from studies.goals.run import layers, square

@@ -38,9 +38,9 @@ from fx_contact.fem.external_forces import load
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.fem.supports import Supports
+from fx_contact.items.boundary_conditions import Traction
+from fx_contact.items.materials import Material
 from fx_contact.linalg.matrix import as_aij, diagonal_blocks
-from fx_contact.problem.boundary_conditions import Traction
-from fx_contact.problem.materials import Material
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 

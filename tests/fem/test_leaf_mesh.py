@@ -24,9 +24,9 @@ from mpi4py import MPI
 from fx_contact.fem.leaf_mesh import create_leaf_mesh, sufficient_order
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.lattice import SIDE
 from fx_contact.parallel.compat import geometry_nodes
-from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import SIDE
 from fx_contact.scenes import hertz
 
 pytestmark = pytest.mark.ranks(1, 2, 3)

@@ -21,8 +21,8 @@ from scipy.sparse import coo_matrix
 
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import edge_midpoints, face_centres
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.lattice import edge_midpoints, face_centres
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 

@@ -8,7 +8,7 @@ from model_problems import DISTRIBUTIONS, gathered, grown, pressed, roots, two_b
 from fx_contact import SceneError
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space, child_error
-from fx_contact.problem import hexahedron
+from fx_contact.geometry import hexahedron
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 

@@ -7,8 +7,8 @@ from model_problems import leaves, roots, scramble
 
 from fx_contact.forest.coarsening import coarsened
 from fx_contact.forest.partition import repartition
-from fx_contact.problem.facet_pairing import leaf_code
 from fx_contact.scenes import hertz
+from fx_contact.surfaces.facet_pairing import leaf_code
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 

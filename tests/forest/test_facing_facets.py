@@ -5,11 +5,10 @@ import pytest
 from conftest import WORLD
 from model_problems import gathered, grown, leaves
 
-from fx_contact import Beginning, ContactPair, Dirichlet, Material, Scene
+from fx_contact import Beginning, ContactPair, Dirichlet, Material, Scene, block, root_mesh_from_shapes
 from fx_contact.adaptive.beginning import first_forest
 from fx_contact.forest.partition import repartition
 from fx_contact.forest.partition_quality import PartitionSummary
-from fx_contact.problem import block, root_mesh_from_shapes
 
 
 def cubes(upper, lower, width=1.0):

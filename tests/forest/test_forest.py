@@ -23,10 +23,10 @@ from mpi4py import MPI
 
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.lattice import MAX_LEVEL, SIDE, face_centres
 from fx_contact.parallel.errors import GeometryError
-from fx_contact.problem import hexahedron
-from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
-from fx_contact.problem.lattice import MAX_LEVEL, SIDE, face_centres
+from fx_contact.surfaces.facet_pairing import decode_leaf, leaf_code
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 

@@ -12,12 +12,12 @@ from mpi4py import MPI
 from fx_contact import adapt
 from fx_contact.forest.homes import Homes
 from fx_contact.forest.partition import Units, along_curve, repartition, with_cuts
+from fx_contact.geometry.hexahedron import FACE_CORNERS
 from fx_contact.parallel import exchange
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.mpi import Directory
-from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.hexahedron import FACE_CORNERS
 from fx_contact.scenes import hertz
+from fx_contact.surfaces.facet_pairing import leaf_code
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 

@@ -21,7 +21,7 @@ from fx_contact import Solver, adapt
 from fx_contact.forest.partition import KINDS, curve_keys, repartition
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.parallel.errors import PartitionError
-from fx_contact.problem.facet_pairing import leaf_code
+from fx_contact.surfaces.facet_pairing import leaf_code
 from studies.partition.assignment import assign
 
 pytestmark = pytest.mark.ranks(1, 2, 3)

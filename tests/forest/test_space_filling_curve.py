@@ -8,8 +8,8 @@ from mpi4py import MPI
 
 from fx_contact.forest import space_filling_curve
 from fx_contact.forest.partition import curve_keys
-from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.lattice import BITS
+from fx_contact.geometry.lattice import BITS
+from fx_contact.surfaces.facet_pairing import leaf_code
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 

@@ -10,10 +10,10 @@ from petsc4py import PETSc
 
 from fx_contact import Enforcement, Material, SceneError, Solver, adapt, solve
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
-from fx_contact.contact.contact_solver import solve_contact, solve_system
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
+from fx_contact.law.contact_solver import solve_contact, solve_system
 from fx_contact.linalg import ladder
 from fx_contact.linalg.mixed_form import FlexibleGmres, PressureOperator
 from fx_contact.linalg.operator import MatrixOperator

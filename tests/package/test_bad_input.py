@@ -31,12 +31,17 @@ from fx_contact import (
     Tie,
     Traction,
     adapt,
+    block,
+    join,
+    root_mesh_from_shapes,
     scenes,
 )
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
+from fx_contact.geometry.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
+from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.parallel.agreement import differences
 from fx_contact.parallel.errors import (
     CheckpointError,
@@ -59,9 +64,6 @@ from fx_contact.plot import (
     draw_stress,
     draw_sweep,
 )
-from fx_contact.problem import block, join, root_mesh_from_shapes
-from fx_contact.problem.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
-from fx_contact.problem.root_mesh import RootMesh
 from fx_contact.results.accuracy import contact_errors, true_error
 from fx_contact.results.contact_surface import contact_functions
 from fx_contact.results.output import RecordWriter, write_fields

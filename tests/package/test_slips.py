@@ -38,11 +38,11 @@ from fx_contact import (
     solve,
     sweep,
 )
-from fx_contact.adaptive.scene_warnings import warnings_of
-from fx_contact.adaptive.validity import check_model_warnings, growing_pressure
 from fx_contact.estimate.goal_errors import GoalRecord
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.plot import draw_convergence, draw_sweep
+from fx_contact.verdict.scene_warnings import warnings_of
+from fx_contact.verdict.validity import check_model_warnings, growing_pressure
 
 pytestmark = pytest.mark.ranks(1, 2)
 

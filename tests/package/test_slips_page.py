@@ -27,7 +27,7 @@ from fx_contact import (
     cylinder,
     root_mesh_from_shapes,
 )
-from fx_contact.adaptive.scene_warnings import warnings_of
+from fx_contact.verdict.scene_warnings import warnings_of
 
 pytestmark = pytest.mark.ranks(1, 2)
 

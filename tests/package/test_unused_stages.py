@@ -8,10 +8,10 @@ import pytest
 from conftest import WORLD, everywhere, outside
 
 import fx_contact.adaptive.step_solver
-import fx_contact.contact.contact_solver
 import fx_contact.forest.partition
+import fx_contact.law.contact_solver
 import fx_contact.plot
-import fx_contact.problem.facet_pairing
+import fx_contact.surfaces.facet_pairing
 from fx_contact import ContactPair, Dirichlet, RigidPlane, adapt
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.compat import geometry_nodes
@@ -52,12 +52,12 @@ def test_without_contact(calls):
     """One linear solve; no facets are matched, no pairs made, no active set kept, no contact stiffness reserved."""
     with_contact = patch(cells=(1, 1, 2))
     for place, name in (
-        (fx_contact.problem.facet_pairing, "_match"),
+        (fx_contact.surfaces.facet_pairing, "_match"),
         (fx_contact.adaptive.step_solver, "create_rows"),
-        (fx_contact.contact.contact_solver, "ActiveSet"),
-        (fx_contact.contact.contact_solver, "Jump"),
-        (fx_contact.contact.contact_solver, "relax"),
-        (fx_contact.contact.contact_solver, "move_bodies"),
+        (fx_contact.law.contact_solver, "ActiveSet"),
+        (fx_contact.law.contact_solver, "Jump"),
+        (fx_contact.law.contact_solver, "relax"),
+        (fx_contact.law.contact_solver, "move_bodies"),
     ):
         calls.of(place, name)
     *_, step = adapt(parted(with_contact), 0.1)
@@ -73,7 +73,7 @@ def test_obstacles_without_forces(calls):
     """Rows are made once, and no obstacle settles; below a force it does."""
     calls.of(fx_contact.adaptive.step_solver, "create_rows")
     calls.of(fx_contact.adaptive.step_solver, "touching")
-    calls.of(fx_contact.contact.contact_solver, "settle")
+    calls.of(fx_contact.law.contact_solver, "settle")
     columns = patch(cells=(1, 1, 2))
     platen = ContactPair("top", RigidPlane((0.0, 0.0, 2.0), (0.0, 0.0, -1.0)), moved=(0.0, 0.0, -0.001))
     held = tuple(condition for condition in columns.dirichlet if getattr(condition, "where", "") != "top")

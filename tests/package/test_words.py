@@ -5,13 +5,22 @@ from dataclasses import replace
 import pytest
 from conftest import WORLD
 
-from fx_contact import GeometryError, Material, OutputError, SceneError, adapt, root_mesh_from_gmsh
+from fx_contact import (
+    GeometryError,
+    Material,
+    OutputError,
+    RootMesh,
+    SceneError,
+    adapt,
+    block,
+    root_mesh_from_gmsh,
+    root_mesh_from_shapes,
+)
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.parallel.errors import CheckpointError
 from fx_contact.parallel.validation import percent
 from fx_contact.plot import draw_mesh, draw_pressure
 from fx_contact.plot.canvas import axes_for, draw_on_first, plotter_for
-from fx_contact.problem import RootMesh, block, root_mesh_from_shapes
 from fx_contact.results import REFERENCES, RecordWriter, write_fields
 from fx_contact.scenes import patch, stack
 

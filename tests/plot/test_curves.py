@@ -8,8 +8,8 @@ import pytest
 from model_problems import step_record
 from mpi4py import MPI
 
-from fx_contact.adaptive.load_path import SweepPoint
-from fx_contact.adaptive.sweep_record import SweepRecord
+from fx_contact.path.load_path import SweepPoint
+from fx_contact.path.sweep_record import SweepRecord
 from fx_contact.plot.canvas import add_length
 from fx_contact.plot.curves import _draw_convergence, _draw_pressure, _draw_sweep, draw_sweep
 

@@ -14,9 +14,9 @@ from model_problems import step_record
 from fx_contact import GoalRecord, Resultant, SolveError, Solver, Step, StepRecord, adapt, results, solve, sweep
 from fx_contact.adaptive import progress_line
 from fx_contact.adaptive.contact_state import ContactTable
+from fx_contact.items.units import labelled, unit_of
 from fx_contact.parallel.timing import STAGES
 from fx_contact.parallel.validation import percent
-from fx_contact.problem.units import labelled, unit_of
 from fx_contact.results import force_warnings, table_head, table_row, total_seconds
 from fx_contact.scenes import hertz, stack
 

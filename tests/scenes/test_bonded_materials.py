@@ -26,11 +26,11 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.estimate.stress_projection import projected_stress
+from fx_contact.geometry.shapes import join, root_mesh_from_shapes
+from fx_contact.geometry.solids import ball, block, ring
+from fx_contact.geometry.swept_shapes import sweep_side
 from fx_contact.parallel.timing import Stages
 from fx_contact.plot import draw_stress, plotter_for
-from fx_contact.problem.shapes import join, root_mesh_from_shapes
-from fx_contact.problem.solids import ball, block, ring
-from fx_contact.problem.swept_shapes import sweep_side
 from fx_contact.results.output import point_fields
 
 SOFT, HARD, RUBBER = Material(1.0, 0.3), Material(10.0, 0.2), Material(0.1, 0.499)

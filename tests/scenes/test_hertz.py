@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 
 from fx_contact import Material, Solver, adapt
 from fx_contact.adaptive.step_record import StepRecord
-from fx_contact.contact import contact_solver
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.shear_free import find_shear_free
+from fx_contact.law import contact_solver
 from fx_contact.linalg import ladder
 from fx_contact.linalg.krylov import ConjugateGradients, Outcome
 from fx_contact.linalg.ladder import Ladder

@@ -7,11 +7,21 @@ import pytest
 from conftest import everywhere
 from model_problems import ALONG, EXACT, grown, roots, wedge
 
-from fx_contact import ContactPair, Dirichlet, Material, Pressure, Reaction, Scene, SymmetryPlane, adapt
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Material,
+    Pressure,
+    Reaction,
+    Scene,
+    SymmetryPlane,
+    adapt,
+    ball,
+    root_mesh_from_shapes,
+)
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.fem.leaf_mesh import leaf_positions
-from fx_contact.problem import ball, root_mesh_from_shapes
-from fx_contact.problem.shapes import rotation
+from fx_contact.geometry.shapes import rotation
 from fx_contact.results.reference_values import hertz_a
 from fx_contact.scenes import hertz, shrink_fit
 from studies.stability.twins import turned

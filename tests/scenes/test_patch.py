@@ -39,11 +39,11 @@ from fx_contact.fem import elasticity as elasticity_module
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
 from fx_contact.fem.supports import Supports
+from fx_contact.geometry import hexahedron
+from fx_contact.items.boundary_conditions import Dirichlet, Traction
+from fx_contact.items.contact import ContactPair
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem import hexahedron
-from fx_contact.problem.boundary_conditions import Dirichlet, Traction
-from fx_contact.problem.contact import ContactPair
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
 
 PRESSURE = 0.01
 SOFT = Material(young=1.0, poisson=0.4999)

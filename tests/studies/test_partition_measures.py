@@ -23,9 +23,9 @@ from fx_contact.forest.homes import Homes
 from fx_contact.forest.leaf_graph import create_leaf_graph
 from fx_contact.forest.partition import KINDS, Units, along_curve, repartition
 from fx_contact.forest.partition_quality import PartitionSummary
+from fx_contact.geometry.hexahedron import FACE_CORNERS
+from fx_contact.geometry.lattice import SIDE, face_centres
 from fx_contact.parallel import exchange
-from fx_contact.problem.hexahedron import FACE_CORNERS
-from fx_contact.problem.lattice import SIDE, face_centres
 from studies.partition.measures import BYTES, Judge
 from studies.partition.partners import Exchanges, _incidence
 

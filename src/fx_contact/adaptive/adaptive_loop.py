@@ -16,7 +16,6 @@ from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import html_table, table_head, table_row
 from fx_contact.adaptive.step_solver import StepStart, solve_step
-from fx_contact.adaptive.validity import check_model_warnings, growing_pressure, growing_pressures, load_warnings
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.quantities import Quantity
@@ -34,7 +33,8 @@ from fx_contact.parallel.memory import give_back
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import check_comm, check_count, check_name, check_same_comm, percent, shown
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
+from fx_contact.verdict.validity import check_model_warnings, growing_pressure, growing_pressures, load_warnings
 
 
 @collective("comm")

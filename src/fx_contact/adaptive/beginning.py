@@ -12,6 +12,8 @@ from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.fem.space import DEGREES
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.lattice import MAX_LEVEL
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
 from fx_contact.parallel.errors import PartitionError, SceneError
@@ -19,11 +21,9 @@ from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm, check_count, check_number, check_same_comm, shown
-from fx_contact.problem import hexahedron
-from fx_contact.problem.fingerprint import same_mesh, scene_parts
-from fx_contact.problem.lattice import MAX_LEVEL
-from fx_contact.problem.rigid_loads import RigidFace
-from fx_contact.problem.scene import Scene, check_scene
+from fx_contact.scene.fingerprint import same_mesh, scene_parts
+from fx_contact.scene.rigid_faces import RigidFace
+from fx_contact.scene.scene import Scene, check_scene
 
 
 @dataclass(frozen=True, eq=False)

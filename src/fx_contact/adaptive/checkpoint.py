@@ -22,16 +22,16 @@ from fx_contact.estimate.estimator import Estimate
 from fx_contact.fem.space import Space, child_error
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import with_cuts
+from fx_contact.geometry.lattice import Lattice
 from fx_contact.parallel.agreement import check_alike, differences
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array
 from fx_contact.parallel.errors import CheckpointError, OutputError, writing
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import Directory, together
 from fx_contact.parallel.validation import as_folder, check_comm
-from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
-from fx_contact.problem.fingerprint import scene_parts
-from fx_contact.problem.lattice import Lattice
-from fx_contact.problem.scene import Scene, check_scene
+from fx_contact.scene.fingerprint import scene_parts
+from fx_contact.scene.scene import Scene, check_scene
+from fx_contact.surfaces.facet_pairing import decode_leaf, leaf_code
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 

@@ -8,10 +8,10 @@ from mpi4py import MPI
 
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.leaf_mesh import leaf_positions
+from fx_contact.geometry import hexahedron
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_vector, shown
-from fx_contact.problem import hexahedron
 
 #: Distance from the line, and of two points on it, that is rounding, relative to its length.
 _ROUNDING = 1e-9

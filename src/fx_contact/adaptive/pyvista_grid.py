@@ -9,7 +9,7 @@ from dolfinx import fem
 
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.estimate.stress_recovery import von_mises
-from fx_contact.problem.materials import VOIGT
+from fx_contact.items.materials import VOIGT
 
 
 def import_pyvista() -> ModuleType:

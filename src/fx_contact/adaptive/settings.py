@@ -6,8 +6,6 @@ from functools import cached_property
 from numbers import Integral
 from typing import Any
 
-from fx_contact.adaptive.scene_warnings import warnings_of
-from fx_contact.adaptive.validity import ModelWarning, checked_kinds
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.error_control import ErrorControl
@@ -16,8 +14,10 @@ from fx_contact.fem.space import DEGREES
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_tolerance, shown
-from fx_contact.problem.fingerprint import scene_parts
-from fx_contact.problem.scene import Scene, check_scene
+from fx_contact.scene.fingerprint import scene_parts
+from fx_contact.scene.scene import Scene, check_scene
+from fx_contact.verdict.scene_warnings import warnings_of
+from fx_contact.verdict.validity import ModelWarning, checked_kinds
 
 #: Default degree of the displacements.
 DEGREE = 2

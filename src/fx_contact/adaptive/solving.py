@@ -15,7 +15,7 @@ from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.quantities import Quantity
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.meeting import collective
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
 
 
 @collective("comm")

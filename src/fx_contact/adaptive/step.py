@@ -15,7 +15,6 @@ from dolfinx.mesh import Mesh, MeshTags, meshtags
 from fx_contact.adaptive.contact_line import FacetValues, facet_values
 from fx_contact.adaptive.contact_state import ContactState
 from fx_contact.adaptive.pyvista_grid import leaf_grid
-from fx_contact.adaptive.resultants import Resultant
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import report_text
 from fx_contact.contact.constraint_rows import ConstraintRows
@@ -25,12 +24,13 @@ from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.estimate.stress_projection import projected_stress
 from fx_contact.fem.leaf_mesh import LeafMesh
+from fx_contact.items.materials import TENSOR
 from fx_contact.parallel.arrays import FloatArray, Int32Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import shown
-from fx_contact.problem.materials import TENSOR
+from fx_contact.verdict.resultants import Resultant
 
 
 @dataclass(frozen=True, eq=False, repr=False)

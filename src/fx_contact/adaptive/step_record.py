@@ -6,19 +6,19 @@ from typing import Any, Self
 
 from mpi4py import MPI
 
-from fx_contact.adaptive.contact_figures import ContactFigures
-from fx_contact.adaptive.resultants import Resultant
 from fx_contact.adaptive.step_report import costs, report_text
-from fx_contact.adaptive.validity import ModelWarning
-from fx_contact.contact.contact_solver import ContactSolution
 from fx_contact.estimate.estimator import Estimate
 from fx_contact.estimate.goal_errors import GoalRecord
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.forest.partition_quality import PartitionSummary
+from fx_contact.items.units import Units
+from fx_contact.law.contact_solver import ContactSolution
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.versions import library_versions
-from fx_contact.problem.units import Units
+from fx_contact.verdict.contact_figures import ContactFigures
+from fx_contact.verdict.resultants import Resultant
+from fx_contact.verdict.validity import ModelWarning
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fx_contact.adaptive.resultants import undirected
+from fx_contact.items.units import unit_of
 from fx_contact.parallel.validation import percent
-from fx_contact.problem.units import unit_of
 
 if TYPE_CHECKING:
     from fx_contact.adaptive.step_record import StepRecord
 
 #: Digits of the largest force; of others those with the same place value, the rest is the solver's error.
 _DIGITS = 6
+#: Least `pair_alignments` of a pair with one direction: its force is then the length of its force vector to 1 %.
+DIRECTED = 0.99
+#: Components shown as 0, relative to the sum of magnitudes: less than its digits.
+_ROUNDING = 1e-6
 #: Columns of the table: heading, width, and text of a record's value.
 _COLUMNS: tuple[tuple[str, int, Callable[[StepRecord], str]], ...] = (
     ("step", 4, lambda r: str(r.step)),
@@ -117,6 +120,20 @@ def _moved(r: StepRecord, motion: float | list[float] | None) -> str:
         return f", closed by {motion:.5g}{_unit(r, 'length')}"
     shift, turn = (", ".join(f"{value:.5g}" for value in part) for part in (motion[:3], motion[3:]))
     return f", moved by ({shift}){_unit(r, 'length')}, turned by ({turn}) rad"
+
+
+def undirected(record: StepRecord) -> list[str]:
+    """Lines on the contact pairs whose sum of magnitudes is more than the length of their force vector."""
+    pairs = [one for one in record.resultants or () if one.kind == "contact"]
+    lines = []
+    for pair, force, alignment in zip(pairs, record.pair_forces, record.pair_alignments or ()):
+        if alignment is not None and alignment < DIRECTED:
+            vector = ", ".join(f"{0.0 if abs(value) < _ROUNDING * force else value:.5g}" for value in pair.force)
+            lines.append(
+                f"{pair.name!r} presses in many directions: its forces add up to ({vector}), {alignment:.1%} of the "
+                "sum of their magnitudes"
+            )
+    return lines
 
 
 def _unit(r: StepRecord, quantity: str) -> str:

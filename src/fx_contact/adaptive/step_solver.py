@@ -7,19 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.adaptive.contact_figures import ContactFigures, figures_of_contact
-from fx_contact.adaptive.penetration import penetrations
-from fx_contact.adaptive.resultants import Resultant, sum_up
 from fx_contact.adaptive.settings import GEOMETRY_SHARE, Settings
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord, record_of_solve
-from fx_contact.adaptive.validity import ModelWarning, check_model_warnings, model_warnings
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
-from fx_contact.contact.contact_solver import ContactSolution, solve_system
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.row_kinds import columns_at_rest, create_rows
-from fx_contact.contact.settling import RowsAt, approaches, touching
 from fx_contact.estimate.contact_edge import cells_at_edge
 from fx_contact.estimate.contact_goals import ContactError, contact_error, force_goals
 from fx_contact.estimate.dual_weighted import Goals
@@ -39,12 +33,18 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.springs import Springs
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition_quality import PartitionSummary
+from fx_contact.law.contact_solver import ContactSolution, solve_system
+from fx_contact.law.settling import RowsAt, approaches, touching
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import percent
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
+from fx_contact.verdict.contact_figures import ContactFigures, figures_of_contact
+from fx_contact.verdict.penetration import penetrations
+from fx_contact.verdict.resultants import Resultant, sum_up
+from fx_contact.verdict.validity import ModelWarning, check_model_warnings, model_warnings
 
 #: Without contact, an energy norm up to this many times rounding is that of a rigid motion: taken as 0.  Half-spheres
 #: that do not touch, moved by 1e-6 to 1 of their radius, have 0.3 to 0.8 times rounding

@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import table_head, table_row
-from fx_contact.adaptive.sweep_record import SweepRecord
 from fx_contact.parallel.errors import OutputError
+from fx_contact.path.sweep_record import SweepRecord
 from fx_contact.plot import draw_convergence, draw_sweep
 
 #: Files of records, and pictures that are made of them.

@@ -1,11 +1,10 @@
-"""Contact as rows of constraints: node pairs, enforcement, active set, and the solver of the two together."""
+"""Contact as rows of constraints: kinds of rows, jump, projection, one linear system."""
 
 import warnings
 from typing import Any
 
 from fx_contact.contact.constraint_rows import ConstraintRows, Entries, KeyedEntries, RowColumns, RowKind
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
-from fx_contact.contact.contact_solver import ContactSolution, solve_contact
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.node_pairs import NodePairs
 from fx_contact.contact.row_kinds import KINDS, create_rows
@@ -14,7 +13,6 @@ __all__ = [
     "KINDS",
     "ConstraintRows",
     "ContactProblem",
-    "ContactSolution",
     "Enforcement",
     "Entries",
     "KeyedEntries",
@@ -23,7 +21,6 @@ __all__ = [
     "RowKind",
     "SolveOptions",
     "create_rows",
-    "solve_contact",
 ]
 
 

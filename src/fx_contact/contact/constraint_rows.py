@@ -18,7 +18,7 @@ from fx_contact.contact.enforcement import CAP, Enforcement
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,10 +6,10 @@ from fx_contact.contact.enforcement import Enforcement
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
+from fx_contact.geometry import hexahedron
 from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 from fx_contact.parallel.mpi import Directory
-from fx_contact.problem import hexahedron
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
 
 
 def positions_across(

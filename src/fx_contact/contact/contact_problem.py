@@ -14,7 +14,7 @@ from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.linalg.stopping import EnergyNorm
 from fx_contact.parallel.arrays import FloatArray
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,9 +27,9 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from fx_contact.contact.segments import create_segments
+from fx_contact.geometry.leaf_facets import LeafFacets
+from fx_contact.geometry.root_facets import face_functions
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array
-from fx_contact.problem.leaf_facets import LeafFacets
-from fx_contact.problem.root_facets import face_functions
 
 #: Part of the integral of each function that must be left on a facet which counts as covered.  A strip of 0.90 of a
 #: facet has it for the corners at degree 2, one of 0.71 at degree 1.

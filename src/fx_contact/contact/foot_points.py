@@ -6,8 +6,8 @@ All is local.
 import numpy as np
 
 from fx_contact.contact.polygons import Bilinear
+from fx_contact.geometry.leaf_facets import CORNERS, LeafFacets
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array
-from fx_contact.problem.leaf_facets import CORNERS, LeafFacets
 
 #: Steps of Newton's method; fewer are taken unless the second surface is near the centre of curvature of the first.
 _STEPS = 10

@@ -21,14 +21,14 @@ from fx_contact.contact.enforcement import Enforcement
 from fx_contact.fem.dirichlet import SAME_PLANE, held_nodes
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.lattice import leaf_side
+from fx_contact.geometry.leaf_facets import LeafFacets
+from fx_contact.items.boundary_conditions import ObliquePlane
+from fx_contact.items.contact import SMOOTH
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.exchange import Exchange
-from fx_contact.problem import hexahedron
-from fx_contact.problem.boundary_conditions import ObliquePlane
-from fx_contact.problem.contact import SMOOTH
-from fx_contact.problem.lattice import leaf_side
-from fx_contact.problem.leaf_facets import LeafFacets
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
 
 #: Weights below this part of the largest of a row are rounding.
 _ROUNDING = 1e-13

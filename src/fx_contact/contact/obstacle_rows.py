@@ -11,9 +11,9 @@ from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.pressure import FacetPressure
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
+from fx_contact.items.contact import ContactPair
 from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 from fx_contact.parallel.mpi import together
-from fx_contact.problem.contact import ContactPair
 
 
 class ObstacleRows(RowKind):

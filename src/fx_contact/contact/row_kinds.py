@@ -17,13 +17,13 @@ from fx_contact.contact.mortar_rows import MortarRows
 from fx_contact.contact.node_pairs import NodePairs
 from fx_contact.contact.obstacle_rows import ObstacleRows, PlaneRows, RigidFaceRows
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.items.contact import SMOOTH, Contact, ContactPair
+from fx_contact.items.obstacles import Obstacle, RigidPlane
+from fx_contact.items.ties import Tie
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.problem.contact import SMOOTH, Contact, ContactPair
-from fx_contact.problem.obstacles import Obstacle, RigidPlane
-from fx_contact.problem.rigid_loads import RigidFace
-from fx_contact.problem.scene import Scene
-from fx_contact.problem.ties import Tie
+from fx_contact.scene.rigid_faces import RigidFace
+from fx_contact.scene.scene import Scene
 
 #: Kind of rows by the type of the contact, or of its obstacle; a type without an entry has that of its base class.
 KINDS: dict[type[Contact] | type[Obstacle], type[RowKind]] = {

@@ -20,9 +20,9 @@ import numpy as np
 
 from fx_contact.contact.foot_points import places_in_planes
 from fx_contact.contact.polygons import Bilinear, clipped, signed_areas, triangles
+from fx_contact.geometry.leaf_facets import CORNERS, LeafFacets
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array
-from fx_contact.problem.leaf_facets import CORNERS, LeafFacets
-from fx_contact.problem.surface_projection import LEAST_COSINE
+from fx_contact.surfaces.surface_projection import LEAST_COSINE
 
 #: Pairs of facets at once: 2000 have 100,000 points at degree 2.
 _CHUNK = 2000

@@ -14,8 +14,8 @@ import numpy as np
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.solved_state import SolvedState
+from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
-from fx_contact.problem.leaf_facets import LeafFacets
 
 #: As above [-].
 _SHARE = np.pi / 20

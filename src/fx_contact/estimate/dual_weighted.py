@@ -19,7 +19,7 @@ contact, which the mesh places at nodes (`contact_edge`).
 A lightly loaded contact is thus refined where its force arises, whatever energy other loads store.
 
 Unknown motions along given forces, of obstacles, sections and rigid faces, give way in dual problems too.  With their
-rates v and the solutions z_v, m_v of `contact.settling` the dual solution is z + c z_v, where v . (m + c m_v) = 0.  The
+rates v and the solutions z_v, m_v of `law.settling` the dual solution is z + c z_v, where v . (m + c m_v) = 0.  The
 force on an obstacle is known: its error is that of the distance times the stiffness.
 
 Sources: J. T. Oden, S. Prudhomme, Comput. Math. Appl. 41, 2001; R. Becker, R. Rannacher, Acta Numer. 10, 2001;
@@ -34,16 +34,16 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
-from fx_contact.contact.settling import sensitivities
 from fx_contact.estimate.contact_edge import ContactEdge
 from fx_contact.estimate.estimator import DisplacementError, Estimate, Estimator
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.elasticity import Elasticity
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.lattice import leaf_side
+from fx_contact.law.settling import sensitivities
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import leaf_side
 
 #: Tolerances of the dual solution, relative to its energy norm.  An error of z changes the estimate by about
 #: xi(u) |z - z_h|_A at most (Cauchy-Schwarz): by less than 0.32 of that in 14 runs of hertz, indentation, punch, stack,

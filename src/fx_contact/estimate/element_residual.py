@@ -15,10 +15,10 @@ from dolfinx.mesh import Mesh
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import basix_order
+from fx_contact.geometry import hexahedron
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.compilation import compiled
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem import hexahedron
 
 
 class ElementResidual:

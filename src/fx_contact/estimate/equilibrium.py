@@ -9,7 +9,7 @@ from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.validation import percent
 
 #: Largest unbalanced share of the forces [-]: the error e^2 of a force at a tolerance e of 7 %.  Ready scenes, solved
-#: to 1e-13, leave 1e-10 (`tests/adaptive/test_resultants.py`).
+#: to 1e-13, leave 1e-10 (`tests/verdict/test_resultants.py`).
 MOST = 0.005
 #: The part of reactions that counts: sums of magnitudes at many nodes, they may be mostly rounding.
 _REACTIONS = 0.01

@@ -9,11 +9,11 @@ from mpi4py import MPI
 from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.estimator import Estimate
 from fx_contact.estimate.marking import by_criterion, for_tolerance
+from fx_contact.items.materials import LOCKING_POISSON
 from fx_contact.parallel.arrays import Int8Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
-from fx_contact.problem.materials import LOCKING_POISSON
 
 #: The modes, the default first.
 MODES = ("contact", "energy")

@@ -18,10 +18,10 @@ from fx_contact.estimate.stress_recovery import StressRecovery
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.space import child_error
+from fx_contact.items.materials import TENSOR
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem.materials import TENSOR
 
 
 @dataclass(frozen=True, eq=False)

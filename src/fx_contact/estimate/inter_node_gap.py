@@ -6,9 +6,9 @@ from fx_contact.contact.constraint_rows import RowKind
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.geometry import hexahedron
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.parallel.mpi import together
-from fx_contact.problem import hexahedron
 
 #: Penetrations up to this part of the variation of the gap on a facet are errors of the linear solver (its tolerance),
 _VARIATION = 1e-8

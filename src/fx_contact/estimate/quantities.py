@@ -12,13 +12,13 @@ from fx_contact.contact.pressure import pressure_change
 from fx_contact.estimate.dual_weighted import Functional, gap_functional
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.dirichlet import held_nodes, shared_forces
+from fx_contact.geometry.point_location import root_cells_at
+from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.items.boundary_conditions import Dirichlet
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_direction, check_name, check_tolerance, check_vector, shown
-from fx_contact.problem.boundary_conditions import Dirichlet
-from fx_contact.problem.point_location import root_cells_at
-from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
 
 #: Relative differences of equal distances and pressures: rounding, and the error of the linear solver.
 _SAME = 1e-6

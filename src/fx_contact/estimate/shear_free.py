@@ -8,10 +8,10 @@ import numpy.typing as npt
 from fx_contact.fem.dirichlet import SAME_PLANE, nodes_on
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
+from fx_contact.items.boundary_conditions import ObliquePlane
+from fx_contact.items.materials import VOIGT
 from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
-from fx_contact.problem.boundary_conditions import ObliquePlane
-from fx_contact.problem.materials import VOIGT
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
 
 #: Weights that make the scalar product of two stresses that of their six components.
 _WEIGHT = np.sqrt([1, 1, 1, 2, 2, 2])

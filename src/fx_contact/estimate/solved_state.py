@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 from fx_contact.contact.constraint_rows import ConstraintRows
-from fx_contact.contact.contact_solver import ContactSolution
 from fx_contact.estimate.estimator import Estimate
 from fx_contact.fem.displacement_field import DisplacementField
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.forest.forest import Forest
-from fx_contact.problem.scene import Scene
+from fx_contact.law.contact_solver import ContactSolution
+from fx_contact.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

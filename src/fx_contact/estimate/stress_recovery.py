@@ -8,9 +8,9 @@ from dolfinx import fem
 from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.elasticity import Elasticity
+from fx_contact.items.materials import VOIGT
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem.materials import VOIGT
 
 #: Degree of the Gauss rule with 2 x 2 x 2 points, at which stresses of degree 2 are superconvergent.
 _SUPERCONVERGENT = 3

@@ -7,8 +7,8 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
+from fx_contact.items.materials import TENSOR, VOIGT, Material, Orthotropic
 from fx_contact.parallel.arrays import FloatArray, IntArray
-from fx_contact.problem.materials import TENSOR, VOIGT, Material, Orthotropic
 
 
 class Anisotropy:

@@ -12,10 +12,10 @@ import numpy as np
 from basix import CellType
 
 from fx_contact.fem.leaf_mesh import LeafMesh, basix_order
+from fx_contact.geometry import hexahedron
+from fx_contact.items.materials import TENSOR
 from fx_contact.parallel import compat
 from fx_contact.parallel.arrays import FloatArray, IntArray
-from fx_contact.problem import hexahedron
-from fx_contact.problem.materials import TENSOR
 
 
 class CellStiffness:

@@ -3,9 +3,9 @@
 import numpy as np
 from dolfinx import fem
 
+from fx_contact.geometry.hexahedron import CORNERS
 from fx_contact.parallel import compat
 from fx_contact.parallel.arrays import FloatArray
-from fx_contact.problem.hexahedron import CORNERS
 
 #: Differences of the values at the corners along each axis of a cell, in the mean: the derivatives in its middle.
 _DIFFERENCES = (2 * CORNERS.T - 1) / 4

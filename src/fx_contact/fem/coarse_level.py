@@ -19,11 +19,11 @@ from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.fem.supports import Supports
+from fx_contact.geometry import hexahedron
 from fx_contact.linalg.matrix import distributed
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.parallel.arrays import Int64Array
 from fx_contact.parallel.mpi import hashed
-from fx_contact.problem import hexahedron
 
 #: An axis of a cell is short if the longest axis has at least this many times its length (`studies.cost.flat`).
 FLAT = 3.0

@@ -10,18 +10,18 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.fem.supports import Supports
 from fx_contact.forest.forest import Forest
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.lattice import SIDE
+from fx_contact.items.boundary_conditions import Dirichlet, ObliquePlane, merged
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.parallel.mpi import together
-from fx_contact.problem import hexahedron
-from fx_contact.problem.boundary_conditions import Dirichlet, ObliquePlane, merged
-from fx_contact.problem.lattice import SIDE
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
 
 #: Largest difference of two conditions on one component, relative to the largest prescribed displacement: positions of
 #: vertices between the nodes of the root mesh are rounded.
 _SAME = 1e-9
 #: Largest squared sine of the angle between normals of one plane.  Surfaces are plane to 1e-6 of their size
-#: (`problem.boundary_conditions.PLANE`), their facets, which may be much smaller, less exactly.
+#: (`items.boundary_conditions.PLANE`), their facets, which may be much smaller, less exactly.
 SAME_PLANE = 1e-8
 #: Defect of the squared length of an axis projected onto the span of normals: 1e-6 of the length, as for planes.
 _ALONG_AXIS = 1e-12

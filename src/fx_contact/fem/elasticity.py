@@ -24,12 +24,12 @@ from fx_contact.fem.springs import Springs
 from fx_contact.fem.supports import Supports
 from fx_contact.fem.volume_projection import VolumeProjection
 from fx_contact.fem.volume_term import VolumeTerm
+from fx_contact.items.materials import LOCKING_POISSON, Material, Orthotropic
 from fx_contact.linalg.matrix import BlockMatrix, create_matrix
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.compilation import compiled
 from fx_contact.parallel.memory import give_back
 from fx_contact.parallel.timing import Stages
-from fx_contact.problem.materials import LOCKING_POISSON, Material, Orthotropic
 
 #: Poisson's ratio of the matrix A of the mixed form in such bodies, measured (`studies.incompressible.run --matrix`).
 MATRIX_POISSON = 0.3

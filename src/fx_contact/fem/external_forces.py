@@ -12,10 +12,10 @@ from dolfinx import fem
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_quadrature import faces_on, gauss_rule, integrands, shape_functions
 from fx_contact.forest.forest import Forest
+from fx_contact.items.boundary_conditions import BodyForce, Pressure, Traction
 from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.mpi import together
-from fx_contact.problem.boundary_conditions import BodyForce, Pressure, Traction
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
 
 _Load: TypeAlias = Traction | Pressure | BodyForce
 

@@ -13,11 +13,11 @@ from dolfinx.mesh import Mesh, create_mesh
 from mpi4py import MPI
 
 from fx_contact.forest.forest import Forest
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.lattice import MAX_LEVEL, SIDE, leaf_side
 from fx_contact.parallel import compat
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
-from fx_contact.problem import hexahedron
-from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.lattice import MAX_LEVEL, SIDE, leaf_side
+from fx_contact.surfaces.facet_pairing import leaf_code
 
 #: Leaves whose positions are computed at once, so that they fit into the processor's cache.
 _CHUNK = 1 << 13

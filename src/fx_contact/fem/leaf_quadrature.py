@@ -10,8 +10,8 @@ import numpy as np
 
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.forest.forest import Forest
+from fx_contact.geometry import hexahedron
 from fx_contact.parallel.arrays import FloatArray, IntArray
-from fx_contact.problem import hexahedron
 
 #: Points along an axis of a leaf, in [0, 1], and their weights.
 Rule: TypeAlias = tuple[FloatArray, FloatArray]

@@ -6,7 +6,7 @@ from fx_contact.fem.leaf_mesh import LeafMesh
 from fx_contact.fem.space import Space
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.mpi import together
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
 
 
 def stress_free_strain(scene: Scene, space: Space, mesh: LeafMesh) -> FloatArray | None:

@@ -15,11 +15,11 @@ from scipy.sparse import csr_matrix, vstack
 
 from fx_contact.fem.space import Space
 from fx_contact.forest.lattice_points import LatticePoints
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.lattice import MAX_LEVEL
 from fx_contact.parallel.arrays import FloatArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.compat import index_map
 from fx_contact.parallel.mpi import Directory
-from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import MAX_LEVEL
 
 _NONE = -1
 

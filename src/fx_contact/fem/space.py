@@ -10,11 +10,11 @@ import numpy as np
 
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.lattice_points import LatticePoints
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.lattice import SIDE, leaf_side
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import shown
-from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import SIDE, leaf_side
 
 #: Degrees of the displacements.
 DEGREES = (1, 2)

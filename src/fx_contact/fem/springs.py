@@ -15,9 +15,9 @@ import numpy as np
 from fx_contact.fem.cell_products import CellSum, cell_constraints, constrained
 from fx_contact.fem.leaf_quadrature import faces_on, gauss_rule, integrands, shape_functions
 from fx_contact.fem.prolongation import Prolongation
+from fx_contact.geometry import hexahedron
+from fx_contact.items.elastic_support import Elastic
 from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
-from fx_contact.problem import hexahedron
-from fx_contact.problem.elastic_support import Elastic
 
 
 @dataclass(frozen=True, eq=False)

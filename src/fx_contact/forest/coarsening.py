@@ -5,11 +5,11 @@ from mpi4py import MPI
 
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
+from fx_contact.geometry.lattice import leaf_side
 from fx_contact.parallel.arrays import IntArray
 from fx_contact.parallel.errors import PartitionError
 from fx_contact.parallel.mpi import Directory
-from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.lattice import leaf_side
+from fx_contact.surfaces.facet_pairing import leaf_code
 
 
 def coarsened(forest: Forest, level: IntArray, kind: str = "contact-sfc") -> Forest:

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fx_contact.geometry.lattice import SIDE
+from fx_contact.geometry.leaf_facets import LeafFacets
+from fx_contact.geometry.root_facets import SurfacePoints
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array
 from fx_contact.parallel.box_search import Boxes, meeting_boxes
 from fx_contact.parallel.mpi import Directory
-from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.lattice import SIDE
-from fx_contact.problem.leaf_facets import LeafFacets
-from fx_contact.problem.nonmatching import SAMPLES, NonmatchingSurfaces
-from fx_contact.problem.root_facets import SurfacePoints
+from fx_contact.surfaces.facet_pairing import leaf_code
+from fx_contact.surfaces.nonmatching import SAMPLES, NonmatchingSurfaces
 
 if TYPE_CHECKING:
     from fx_contact.forest.forest import Forest

@@ -16,16 +16,16 @@ from mpi4py import MPI
 from fx_contact.forest.facing_facets import FacingFacets
 from fx_contact.forest.homes import Homes
 from fx_contact.forest.lattice_points import LatticePoints
+from fx_contact.geometry import hexahedron, lattice
+from fx_contact.geometry.lattice import MAX_LEVEL, SIDE, Lattice
+from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.parallel.exchange import Exchange, few
 from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import Directory
-from fx_contact.problem import hexahedron, lattice
-from fx_contact.problem.contact_surfaces import ContactSurfaces
-from fx_contact.problem.facet_pairing import Pairing
-from fx_contact.problem.lattice import MAX_LEVEL, SIDE, Lattice
-from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.surfaces.contact_surfaces import ContactSurfaces
+from fx_contact.surfaces.facet_pairing import Pairing
 
 
 @dataclass(frozen=True, eq=False)

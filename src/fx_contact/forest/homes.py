@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fx_contact.forest.space_filling_curve import RootCurve
+from fx_contact.geometry.lattice import Lattice, part_faces
+from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
 from fx_contact.parallel.mpi import hashed
-from fx_contact.problem.facet_pairing import Pairing, decode_leaf
-from fx_contact.problem.lattice import Lattice, part_faces
-from fx_contact.problem.root_mesh import RootMesh
+from fx_contact.surfaces.facet_pairing import Pairing, decode_leaf
 
 if TYPE_CHECKING:
     from fx_contact.forest.forest import Forest

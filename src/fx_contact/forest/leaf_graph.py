@@ -8,11 +8,11 @@ from mpi4py import MPI
 from scipy.sparse import coo_matrix
 
 from fx_contact.forest.forest import Forest
+from fx_contact.geometry.lattice import leaf_side
 from fx_contact.parallel.arrays import Int64Array, IntArray
 from fx_contact.parallel.exchange import Exchange, Scalar
 from fx_contact.parallel.mpi import Directory
-from fx_contact.problem.facet_pairing import leaf_code
-from fx_contact.problem.lattice import leaf_side
+from fx_contact.surfaces.facet_pairing import leaf_code
 
 
 class Graph:

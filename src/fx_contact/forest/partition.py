@@ -22,15 +22,15 @@ from mpi4py import MPI
 from fx_contact.forest import space_filling_curve
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.leaf_graph import Graph, create_leaf_graph
+from fx_contact.geometry.lattice import anchors_on_faces
+from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.parallel import compat
 from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import PartitionError
 from fx_contact.parallel.exchange import few
 from fx_contact.parallel.mpi import Directory
 from fx_contact.parallel.validation import check_name
-from fx_contact.problem.facet_pairing import decode_leaf, leaf_code
-from fx_contact.problem.lattice import anchors_on_faces
-from fx_contact.problem.leaf_facets import LeafFacets
+from fx_contact.surfaces.facet_pairing import decode_leaf, leaf_code
 
 
 def curve_keys(forest: Forest, pairs: bool = True) -> Int64Array:

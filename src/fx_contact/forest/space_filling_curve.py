@@ -3,10 +3,10 @@
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.lattice import MAX_LEVEL
+from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.parallel.arrays import Int64Array, IntArray
-from fx_contact.problem import hexahedron
-from fx_contact.problem.lattice import MAX_LEVEL
-from fx_contact.problem.root_mesh import RootMesh
 
 
 def hilbert(points: IntArray, bits: int) -> Int64Array:

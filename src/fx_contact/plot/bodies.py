@@ -7,6 +7,9 @@ import numpy as np
 
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.estimate.stress_recovery import von_mises
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.items.units import labelled
 from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
@@ -24,9 +27,6 @@ from fx_contact.plot.canvas import (
 )
 from fx_contact.plot.faces import EYE, PIECES, face_points, surface_and_edges, visible_faces
 from fx_contact.plot.obstacles import add_obstacles, placed_obstacles
-from fx_contact.problem import hexahedron
-from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.units import labelled
 from fx_contact.results.contact_surface import contact_faces, face_interpolation, nodal_values
 
 if TYPE_CHECKING:

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.adaptive.pyvista_grid import import_pyvista
+from fx_contact.items.units import Units, unit_of
 from fx_contact.parallel.agreement import shared_path
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import OutputError
 from fx_contact.parallel.mpi import together
-from fx_contact.problem.units import Units, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,13 +9,13 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.forest.forest import Forest
+from fx_contact.items.units import Units
 from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
 from fx_contact.plot.canvas import add_length, draw_on_first, leave_strip, on_first, picture_size, plotter_for
 from fx_contact.plot.faces import EYE, face_points, surface_and_edges, visible_faces
 from fx_contact.plot.obstacles import Shown, add_obstacles, placed_obstacles
-from fx_contact.problem.units import Units
 
 if TYPE_CHECKING:
     from pyvista import Plotter

@@ -10,20 +10,20 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.adaptive_loop import Run
-from fx_contact.adaptive.contact_figures import AXIS
 from fx_contact.adaptive.contact_state import ContactTable
-from fx_contact.adaptive.load_path import Sweep, SweepPoint
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.adaptive.step_record import StepRecord
-from fx_contact.adaptive.sweep_record import SweepRecord
+from fx_contact.items.units import Units, labelled
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import OutputError, SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_comm, check_kind, check_kinds, check_name, check_number
+from fx_contact.path.load_path import Sweep, SweepPoint
+from fx_contact.path.sweep_record import SweepRecord
 from fx_contact.plot.canvas import axes_for, draw_on_first
-from fx_contact.problem.units import Units, labelled
 from fx_contact.results.analytic import Hertz
 from fx_contact.results.reference_values import ContactReference
+from fx_contact.verdict.contact_figures import AXIS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,6 +11,8 @@ from fx_contact.adaptive.pyvista_grid import import_pyvista
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.estimate.stress_recovery import von_mises
 from fx_contact.fem.leaf_mesh import leaf_positions
+from fx_contact.geometry import hexahedron
+from fx_contact.items.units import labelled, unit_of
 from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
@@ -26,8 +28,6 @@ from fx_contact.plot.canvas import (
     plotter_for,
 )
 from fx_contact.plot.cells import contact_size
-from fx_contact.problem import hexahedron
-from fx_contact.problem.units import labelled, unit_of
 
 if TYPE_CHECKING:
     from pyvista import Plotter, PolyData

@@ -7,8 +7,8 @@ import numpy as np
 from fx_contact.adaptive.pyvista_grid import import_pyvista
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.forest.forest import Forest
+from fx_contact.geometry import hexahedron
 from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
-from fx_contact.problem import hexahedron
 
 if TYPE_CHECKING:
     from pyvista import PolyData

@@ -10,11 +10,11 @@ from mpi4py import MPI
 from fx_contact.adaptive.pyvista_grid import import_pyvista
 from fx_contact.adaptive.step import Step
 from fx_contact.contact.constraint_rows import ConstraintRows, RowKind
+from fx_contact.items.contact import ContactPair
+from fx_contact.items.obstacles import RigidSurface
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.plot.canvas import on_first
 from fx_contact.plot.faces import face_points, surface_and_edges
-from fx_contact.problem.contact import ContactPair
-from fx_contact.problem.obstacles import RigidSurface
 
 if TYPE_CHECKING:
     from pyvista import Plotter

@@ -8,15 +8,15 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from fx_contact.adaptive.contact_figures import AXIS
 from fx_contact.adaptive.contact_line import facet_values
 from fx_contact.adaptive.step import Step, check_step
+from fx_contact.geometry import hexahedron
+from fx_contact.items.units import Units, labelled
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name
 from fx_contact.plot.canvas import axes_for, draw_on_first, on_first
-from fx_contact.problem import hexahedron
-from fx_contact.problem.units import Units, labelled
+from fx_contact.verdict.contact_figures import AXIS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

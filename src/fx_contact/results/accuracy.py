@@ -12,20 +12,20 @@ from fx_contact.adaptive.adaptive_loop import adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.adaptive.step_record import TrueError
-from fx_contact.adaptive.validity import REFUSED
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_tolerance
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.forest.forest import Forest
+from fx_contact.geometry.lattice import Lattice
+from fx_contact.items.materials import VOIGT
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.compilation import compiled
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_kind, check_tolerance
-from fx_contact.problem.lattice import Lattice
-from fx_contact.problem.materials import VOIGT
-from fx_contact.problem.scene import Scene, check_scene
 from fx_contact.results.reference_values import ContactReference
+from fx_contact.scene.scene import Scene, check_scene
+from fx_contact.verdict.validity import REFUSED
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import Self
 import numpy as np
 import scipy  # loads its modules where they are used
 
+from fx_contact.items.materials import Material
 from fx_contact.parallel.arrays import FloatArray
-from fx_contact.problem.materials import Material
 
 
 @dataclass(frozen=True)

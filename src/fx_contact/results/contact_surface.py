@@ -11,10 +11,10 @@ from dolfinx.mesh import create_mesh
 from fx_contact.adaptive.contact_line import nodal_means
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.fem.leaf_mesh import basix_order, leaf_positions
+from fx_contact.geometry import hexahedron
 from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.compat import stay
 from fx_contact.parallel.meeting import collective
-from fx_contact.problem import hexahedron
 from fx_contact.results.vtx import function_on
 
 #: Scalar fields: nodal ones, then those of the leaf behind the facet.

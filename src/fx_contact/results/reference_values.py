@@ -6,9 +6,9 @@ from importlib.resources import files
 
 import numpy as np
 
+from fx_contact.items.materials import Material
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.problem.materials import Material
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
+from fx_contact.geometry.root_mesh_checks import MAX_ORDER, SMALLEST
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.validation import check_count, check_name, check_number, shown
-from fx_contact.problem.root_mesh_checks import MAX_ORDER, SMALLEST
 
 #: Largest number of root cells along a block: the root mesh is replicated on every rank.
 MOST_CELLS = 50

@@ -3,14 +3,14 @@
 import math
 from collections.abc import Sequence
 
+from fx_contact.geometry.shapes import Placement, root_mesh_from_shapes
+from fx_contact.geometry.solids import block
+from fx_contact.items.boundary_conditions import Dirichlet, SymmetryPlane, Traction
+from fx_contact.items.contact import ContactPair
+from fx_contact.items.materials import Material
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_count
-from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane, Traction
-from fx_contact.problem.contact import ContactPair
-from fx_contact.problem.materials import Material
-from fx_contact.problem.scene import Scene
-from fx_contact.problem.shapes import Placement, root_mesh_from_shapes
-from fx_contact.problem.solids import block
+from fx_contact.scene.scene import Scene
 from fx_contact.scenes.arguments import MOST_CELLS, check_arguments
 
 

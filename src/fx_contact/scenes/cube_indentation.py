@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from fx_contact.problem.boundary_conditions import Dirichlet
-from fx_contact.problem.contact import ContactPair
-from fx_contact.problem.materials import Material
-from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.scene import Scene
-from fx_contact.problem.shapes import Placement, Predicate, root_mesh_from_shapes
-from fx_contact.problem.solids import block
+from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.geometry.shapes import Placement, Predicate, root_mesh_from_shapes
+from fx_contact.geometry.solids import block
+from fx_contact.items.boundary_conditions import Dirichlet
+from fx_contact.items.contact import ContactPair
+from fx_contact.items.materials import Material
+from fx_contact.scene.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.symmetry import sideways
 

@@ -5,18 +5,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.geometry.gmsh_mesh import root_mesh_from_gmsh
+from fx_contact.geometry.hexahedron import CORNERS, FACE_CORNERS
+from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.items.boundary_conditions import Dirichlet
+from fx_contact.items.contact import ContactPair
+from fx_contact.items.materials import Material
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.arrays import IntArray
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm
-from fx_contact.problem.boundary_conditions import Dirichlet
-from fx_contact.problem.contact import ContactPair
-from fx_contact.problem.gmsh_mesh import root_mesh_from_gmsh
-from fx_contact.problem.hexahedron import CORNERS, FACE_CORNERS
-from fx_contact.problem.materials import Material
-from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.scene import Scene
+from fx_contact.scene.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.round_bodies import check_roundness
 from fx_contact.scenes.symmetry import sideways

@@ -6,12 +6,12 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.geometry.shapes import root_mesh_from_shapes
+from fx_contact.geometry.solids import block
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import GeometryError
-from fx_contact.problem import hexahedron
-from fx_contact.problem.root_mesh import RootMesh
-from fx_contact.problem.shapes import root_mesh_from_shapes
-from fx_contact.problem.solids import block
 
 #: Largest distance of a surface from its sphere, relative to the approach; half of it is the error of the force.
 ROUND_ENOUGH = 0.05

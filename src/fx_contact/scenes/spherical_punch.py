@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from fx_contact.items.boundary_conditions import Dirichlet, Traction
+from fx_contact.items.contact import ContactPair
+from fx_contact.items.materials import Material
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.problem.boundary_conditions import Dirichlet, Traction
-from fx_contact.problem.contact import ContactPair
-from fx_contact.problem.materials import Material
-from fx_contact.problem.scene import Scene
 from fx_contact.results.analytic import Hertz
+from fx_contact.scene.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
 from fx_contact.scenes.cube_indentation import cube_on_block
 from fx_contact.scenes.round_bodies import check_roundness, sagitta

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from fx_contact.problem.boundary_conditions import Dirichlet, SymmetryPlane
+from fx_contact.items.boundary_conditions import Dirichlet, SymmetryPlane
 
 
 def sideways(symmetry: str, bodies: Sequence[str], line: str = "side") -> tuple[Dirichlet | SymmetryPlane, ...]:

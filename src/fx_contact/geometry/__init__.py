@@ -1,0 +1,1 @@
+"""Root mesh: shapes, readers, lattice keys, facets and points on them."""

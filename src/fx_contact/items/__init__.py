@@ -1,0 +1,1 @@
+"""Items of a scene: materials, conditions, loads, contacts, ties, obstacles."""

@@ -1,0 +1,215 @@
+"""Contacts of a scene.  The constraint rows of each kind of contact are in `contact/row_kinds.py`."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from fx_contact.items.obstacles import Obstacle, RigidPlane
+from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_direction, check_number, check_vector
+
+#: Cosine of the angle between normals up to which they are those of a smooth surface: 15 degrees, as of the facets of a
+#: circle of twelve cells.
+SMOOTH = 0.966
+
+
+class Contact(ABC):
+    """Possible contact of a surface with an obstacle, or of two surfaces.
+
+    Attributes:
+        clearance: added to the gap, negative for interference [m].
+        force: on the obstacle, along which it is free to move [N]; None: it does not move by itself.
+    """
+
+    #: Rows are equations, always closed.
+    EQUALITY: ClassVar[bool] = False
+
+    clearance: float = 0.0
+    force: tuple[float, float, float] | None = None
+
+    @property
+    def loads(self) -> FloatArray:
+        """(k,), given forces along unknown motions [N]."""
+        return np.zeros(0)
+
+    def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
+        """(k, n), penetration of rows with normals (n, 3) at (n, 3) [m] in each unknown motion [-].  Local."""
+        return np.zeros((len(self.loads), len(normals)))
+
+    def opening(self, positions: FloatArray) -> FloatArray | None:
+        """Gap vectors (n, 3) [m] of rows that are equations at positions (n, 3) [m]; None: 0.  Local."""
+        return None
+
+    def approached(self, distances: Any) -> Self:
+        """The contact after unknown motions, as in `StepRecord.approaches`.  Local."""
+        return self
+
+    def along(self, distances: FloatArray) -> float | list[float]:
+        """The entry in `StepRecord.approaches` of distances (k,) [m].  Local."""
+        return float(distances[0])
+
+    def approach_from(self, begin: "Contact") -> FloatArray:
+        """The distances (k,) of the unknown motions since a contact of the same place [m].  Local."""
+        return np.zeros(len(self.loads))
+
+    @property
+    @abstractmethod
+    def surfaces(self) -> tuple[str, ...]:
+        """Names of surfaces of the root mesh: of the first body and, unless there is an obstacle, of the second."""
+
+    @property
+    @abstractmethod
+    def unit_direction(self) -> FloatArray | None:
+        """(3,), out of the first body, direction of the summed force [-]; None: sum of the normal forces."""
+
+    @property
+    @abstractmethod
+    def data(self) -> list[str | float]:
+        """Definition of the contact for JSON, compared with that in a checkpoint."""
+
+    @property
+    def obstacle(self) -> Obstacle | None:
+        """The rigid obstacle, if there is one of the kinds of `items.obstacles`."""
+        return None
+
+    @property
+    def name(self) -> str:
+        """Name in records, from those of the surfaces, "surface on rigid sphere" for an obstacle."""
+        return " on ".join([*self.surfaces, *([] if self.obstacle is None else [self.obstacle.name])])
+
+    @property
+    def label(self) -> str:
+        """As `name`, with names of surfaces in quotes."""
+        return " on ".join([*map(repr, self.surfaces), *([] if self.obstacle is None else [self.obstacle.name])])
+
+
+class Coupling(Contact):
+    """An interface whose rows are equations along all axes, always closed."""
+
+    EQUALITY: ClassVar[bool] = True
+
+    @property
+    def direction(self) -> None:
+        """As `unit_direction`."""
+        return None
+
+    @property
+    def unit_direction(self) -> None:
+        """Surfaces face each other along their normals."""
+        return None
+
+
+@dataclass(frozen=True)
+class ContactPair(Contact):
+    """A surface that may touch another one, or a rigid obstacle.
+
+    Where each facet of the first surface faces one of the second (`Pairing`), rows are of pairs of nodes.  Other
+    meshes have mortar rows on the surface of the softer body, of alike ones the finer surface, in whichever order they
+    are given.  Contact forces are normal to the surfaces, or to the obstacle.
+
+    Raises SceneError for a surface with itself, an invalid direction, vector or number, a force that is zero or beside
+    a `direction`, or `moved` or `force` without an obstacle.
+
+    Attributes:
+        second: the other surface, or the obstacle.
+        direction: from the first body to the second, of any length [-]; points face each other in this direction, and
+            the contact force is summed along it.  None: closest points face each other, and magnitudes are summed,
+            on a plane along its normal.  From an obstacle closest points are taken in any case.
+        moved: displacement of the obstacle [m], with a force the place from which it moves.
+        clearance: added to the gap, negative for interference [m].
+        force: on the obstacle, of all symmetric parts as forces in the records [N].  The obstacle is free to move
+            along it, to where the contact force in this direction balances it; other translations and rotations are
+            held.  None: it stays at `moved`.
+    """
+
+    first: str
+    second: str | Obstacle
+    direction: tuple[float, float, float] | None = None
+    moved: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    clearance: float = 0.0
+    force: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.first == self.second:
+            raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
+        check_vector(f"the displacement of the obstacle below {self.first!r}", self.moved)
+        check_number(f"the clearance of {self.first!r}", self.clearance)
+        if self.obstacle is None and np.any(self.moved):
+            raise SceneError(f"({self.first!r}, {self.second!r}) has no obstacle that could be moved")
+        if self.force is not None:
+            check_direction(f"the force on the obstacle below {self.first!r}", self.force)
+            if self.obstacle is None:
+                raise SceneError(f"({self.first!r}, {self.second!r}) has no obstacle that a force could press")
+            if self.direction is not None:
+                raise SceneError(f"{self.name!r} has a direction, that of the force: leave `direction` away")
+        _ = self.unit_direction  # raises an error for an invalid direction
+
+    @property
+    def obstacle(self) -> Obstacle | None:
+        """As `Contact.obstacle`."""
+        return self.second if isinstance(self.second, Obstacle) else None
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Names of both surfaces, or of the one."""
+        return (self.first,) if isinstance(self.second, Obstacle) else (self.first, self.second)
+
+    def reversed(self) -> Self:
+        """The contact of two surfaces with the second one first."""
+        assert isinstance(self.second, str)
+        x, y, z = self.direction or (0.0, 0.0, 0.0)
+        direction = None if self.direction is None else (-x, -y, -z)
+        return replace(self, first=self.second, second=self.first, direction=direction)
+
+    @property
+    def unit_direction(self) -> FloatArray | None:
+        """(3,), against the force, `direction` normalised, or into a plane [-].  Raises SceneError for no direction."""
+        if self.force is not None:
+            return -check_direction("the force", self.force)
+        if self.direction is not None:
+            return check_direction(f"the direction of {self.name!r}", self.direction)
+        return -self.second.unit_normal if isinstance(self.second, RigidPlane) else None
+
+    @property
+    def data(self) -> list[str | float]:
+        """Names, or definition of the obstacle, clearance if there is one, direction, and force."""
+        direction = map(float, () if self.direction is None else self.direction)
+        if self.obstacle is None:
+            return [*self.surfaces, *([float(self.clearance)] if self.clearance else []), *direction]
+        numbers = map(float, (*self.moved, self.clearance))
+        force: list[str | float] = [] if self.force is None else ["force", *map(float, self.force)]
+        return [self.first, *self.obstacle.data, *numbers, *direction, *force]
+
+    @property
+    def loads(self) -> FloatArray:
+        """(1,), length of the force on the obstacle [N], or none."""
+        return np.zeros(0) if self.force is None else np.array([np.linalg.norm(self.force)])
+
+    def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
+        """As `Contact.rates`: w = -n . d as the obstacle moves along its force d."""
+        if self.force is None or self.unit_direction is None:
+            return np.zeros((0, len(normals)))
+        return np.asarray(normals @ self.unit_direction)[None]
+
+    def approached(self, distances: Any) -> Self:
+        """The pair whose obstacle has moved along its force by a distance [m].  Local."""
+        assert self.unit_direction is not None, "against the force"
+        x, y, z = np.array(self.moved) - distances * self.unit_direction
+        return replace(self, moved=(float(x), float(y), float(z)))
+
+    def approach_from(self, begin: Contact) -> FloatArray:
+        """Distance of the obstacle along its force, (1,) [m].  Local."""
+        assert isinstance(begin, ContactPair) and self.unit_direction is not None
+        return np.array([-self.unit_direction @ np.subtract(self.moved, begin.moved)])
+
+    def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances (n,) [m] of points (n, 3) [m] from the moved obstacle, and unit normals (n, 3) into it.
+
+        Local.  Raises SceneError as `Obstacle.distances`.
+        """
+        assert self.obstacle is not None
+        distance, outward = self.obstacle.distances(points - np.array(self.moved, dtype=np.float64))
+        return distance, -outward

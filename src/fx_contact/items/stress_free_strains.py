@@ -1,0 +1,123 @@
+"""Stress-free strains: the strain eps_0 that a free part has without stress, sigma = C (eps(u) - eps_0).
+
+Values are numbers, checked when a strain is made, or functions of positions (3, n), checked when evaluated.  All is
+local.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from fx_contact.items.boundary_conditions import ScalarValue, evaluated
+from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_label, check_number, is_function, shown
+
+#: Nine numbers, a symmetric 3 x 3 tensor, or a function of positions (3, n) [m] that gives (3, 3, n).
+TensorValue: TypeAlias = Sequence[Sequence[float]] | FloatArray | Callable[[FloatArray], npt.ArrayLike]
+
+#: Largest asymmetry of a tensor relative to its largest component: rounding.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class ThermalStrain:
+    """Isotropic thermal strain eps_0 = alpha dT I of a body with all its parts, or of a part.
+
+    Raises SceneError if the part has no name, the expansion is no finite number, or the change neither that nor a
+    function.
+
+    Attributes:
+        expansion: coefficient alpha of linear thermal expansion [1/K].
+        change: dT, temperature less that of the stress-free state [K], constant or a function of the position.
+    """
+
+    part: str
+    expansion: float
+    change: ScalarValue
+
+    def __post_init__(self) -> None:
+        check_label("the part of a thermal strain", self.part)
+        object.__setattr__(self, "expansion", check_number(f"the expansion of {self.part!r}", self.expansion))
+        if not is_function(self.what, self.change):
+            check_number(self.what, self.change)
+
+    @property
+    def what(self) -> str:
+        """Kind and place, for messages."""
+        return f"the change of temperature of {self.part!r}"
+
+    @property
+    def value(self) -> ScalarValue:
+        """A number that is 0 without strain, or a function."""
+        return self.change if callable(self.change) else self.expansion * self.change
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """eps_0 (n, 3, 3) [-] at points (n, 3) [m]; errors of `evaluated`."""
+        change = evaluated(self.what, self.change, points, 1)
+        return np.asarray(self.expansion * change[:, :, None] * np.eye(3))
+
+
+@dataclass(frozen=True)
+class InitialStrain:
+    """A symmetric stress-free strain eps_0 of a body with all its parts, or of a part: swelling, shrinkage, misfit.
+
+    Raises SceneError if the part has no name, or the value is neither a symmetric tensor nor a function.
+
+    Attributes:
+        value: tensor (3, 3) in x, y, z [-], constant or a function of the position.
+    """
+
+    part: str
+    value: TensorValue
+
+    def __post_init__(self) -> None:
+        check_label("the part of an initial strain", self.part)
+        if not is_function(self.what, self.value):
+            tensor = _symmetric(self.what, np.array([self.value], dtype=object), self.value)
+            object.__setattr__(self, "value", tuple(map(tuple, tensor[0].tolist())))
+
+    @property
+    def what(self) -> str:
+        """Kind and place, for messages."""
+        return f"the initial strain of {self.part!r}"
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """eps_0 (n, 3, 3) [-] at points (n, 3) [m].
+
+        Raises SceneError, as `evaluated`, for values of another shape, not finite or not symmetric.
+        """
+        if not callable(self.value):
+            return np.broadcast_to(np.array(self.value, dtype=np.float64), (len(points), 3, 3))
+        value = self.value
+
+        def rows(x: FloatArray) -> npt.ArrayLike:
+            """Nine components of the tensors, an array (9, n).  Raises SceneError for another shape."""
+            found = np.asarray(value(x))
+            if found.shape != (3, 3, x.shape[1]):
+                raise SceneError(
+                    f"{self.what} is a function that must give an array of shape {(3, 3, x.shape[1])} for points of "
+                    f"shape {x.shape}, got {shown(found)}"
+                )
+            return found.reshape(9, -1)
+
+        return _symmetric(self.what, evaluated(self.what, rows, points, 9).reshape(-1, 3, 3), value)
+
+
+def _symmetric(what: str, tensors: npt.NDArray[Any], given: object) -> FloatArray:
+    """Tensors (n, 3, 3).  Raises SceneError unless they are finite and symmetric."""
+    try:
+        result = np.asarray(tensors, dtype=np.float64)
+    except (TypeError, ValueError):
+        result = np.empty(0)
+    if result.shape[1:] != (3, 3) or not np.isfinite(result).all():
+        raise SceneError(f"{what} must be a tensor of 3 x 3 finite numbers or a function, got {shown(given)}")
+    off = np.abs(result - result.transpose(0, 2, 1)).max(initial=0.0)
+    if off > _ROUNDING * np.abs(result).max(initial=0.0):
+        raise SceneError(
+            f"{what} must be symmetric, its components differ by {off:.3g}: take tensor shears, half the angles"
+        )
+    return result

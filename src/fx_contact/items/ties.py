@@ -1,0 +1,138 @@
+"""Ties of a scene: surfaces that are glued.  Their constraint rows are those of contact, along each axis."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+
+from fx_contact.items.contact import Contact, Coupling
+from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import check_direction, check_number, check_vector
+
+
+@dataclass(frozen=True)
+class Tie(Coupling):
+    """Two surfaces that are glued, u_1 = u_2: they transmit pressure, tension and shear.
+
+    Where facets and nodes of both coincide, rows are of pairs of nodes, else mortar rows on one surface, in
+    whichever order they are given.  The undeformed distance of the sides remains; facets of one surface
+    that face none of the other are free.
+
+    Raises SceneError for a surface with itself.
+
+    Attributes:
+        first, second: names of the surfaces, of two bodies or of one.
+    """
+
+    first: str
+    second: str
+
+    def __post_init__(self) -> None:
+        if self.first == self.second:
+            raise SceneError(f"surface {self.first!r} cannot be tied to itself")
+
+    def reversed(self) -> Self:
+        """The tie with the second surface first."""
+        return type(self)(self.second, self.first)
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Names of both surfaces."""
+        return self.first, self.second
+
+    @property
+    def data(self) -> list[str | float]:
+        """Names of both surfaces."""
+        return [*self.surfaces]
+
+    @property
+    def name(self) -> str:
+        """Name in records."""
+        return f"{self.first} tied to {self.second}"
+
+    @property
+    def label(self) -> str:
+        """As `name`, with names of surfaces in quotes."""
+        return f"{self.first!r} tied to {self.second!r}"
+
+
+@dataclass(frozen=True)
+class Preload(Tie):
+    """A cut through a bolt whose sides are pulled together: u_1 - u_2 = t n, with n the axis, by a tension or by t.
+
+    The section is plane, across the axis.  With a `tension` the closing t is an unknown; a second scene whose `closing`
+    is that of the first (`StepRecord.approaches`) and whose tension is None is the tightened bolt below other loads.
+
+    Raises SceneError as `Tie`, for an axis that is no direction, and for numbers that are not finite, or a tension that
+    is not positive.
+
+    Attributes:
+        first, second: names of both sides of the cut.
+        axis: of the bolt, from the first side to the second, of any length [-].
+        tension: in the section, of all symmetric parts as forces in the records: of two bolts if one is modelled beside
+            a symmetry plane [N].  None: the closing is given.
+        closing: t, by which the bolt is shortened [m]; with a tension the first guess.
+    """
+
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    tension: float | None = None
+    closing: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_vector(f"the axis of {self.label}", self.axis)
+        check_direction(f"the axis of {self.label}", self.axis)
+        if self.tension is not None:
+            check_number(f"the tension of {self.label}", self.tension, positive=True)
+        if self.closing is not None:
+            check_number(f"the closing of {self.label}", self.closing)
+        elif self.tension is None:
+            raise SceneError(f"{self.label} has no preload: give a tension or a closing; 0 holds the length as it is")
+
+    @property
+    def unit_axis(self) -> FloatArray:
+        """(3,), n [-].  Raises SceneError as the class."""
+        return check_direction("the axis", self.axis)
+
+    @property
+    def loads(self) -> FloatArray:
+        """(1,), the tension [N], or none."""
+        return np.zeros(0) if self.tension is None else np.array([self.tension])
+
+    def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
+        """As `Contact.rates`: D = t n . e of the row along e."""
+        return np.tile(-normals @ self.unit_axis, (len(self.loads), 1))
+
+    def opening(self, positions: FloatArray) -> FloatArray:
+        """As `Contact.opening`: t n."""
+        return np.tile((self.closing or 0.0) * self.unit_axis, (len(positions), 1))
+
+    def reversed(self) -> Self:
+        """The section with the second side first."""
+        x, y, z = self.axis
+        return replace(self, first=self.second, second=self.first, axis=(-x, -y, -z))
+
+    def approached(self, distances: Any) -> Self:
+        """The section closed by a distance [m].  Local."""
+        return replace(self, closing=float(distances))
+
+    def approach_from(self, begin: Contact) -> FloatArray:
+        """Closing t of the section, (1,) [m].  Local."""
+        return np.array([self.closing or 0.0])
+
+    @property
+    def data(self) -> list[str | float]:
+        """Names of both sides, axis, closing and tension."""
+        tension: list[str | float] = [] if self.tension is None else ["tension", float(self.tension)]
+        return [*self.surfaces, *map(float, self.axis), float(self.closing or 0.0), *tension]
+
+    @property
+    def name(self) -> str:
+        """Name in records."""
+        return f"{self.first} bolted to {self.second}"
+
+    @property
+    def label(self) -> str:
+        """As `name`, with names of surfaces in quotes."""
+        return f"{self.first!r} bolted to {self.second!r}"

@@ -1,0 +1,195 @@
+"""The contact loop over active sets."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
+from fx_contact.contact.contact_system import ContactSystem, LinearSystem
+from fx_contact.contact.jump import Jump
+from fx_contact.contact.penalty_term import PenaltyTerm, reserve
+from fx_contact.law.active_set import ActiveSet
+from fx_contact.law.initial_guess import move_bodies, relax
+from fx_contact.law.interior_point import find_closed_rows
+from fx_contact.law.settling import settle
+from fx_contact.linalg.petsc_objects import PetscObjects
+from fx_contact.linalg.solver_options import Solver
+from fx_contact.linalg.stopping import ROUNDING
+from fx_contact.parallel.arrays import BoolArray, FloatArray
+from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.timing import Stages
+
+#: Updates of the active set before the interior-point method takes over: as many as its linear solves, so that both
+#: together take at most twice those of the better one.
+_UPDATES = 20
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSolution:
+    """Result of the contact loop; n rows of contact, and m of ties, which follow them among all rows.
+
+    Attributes:
+        rows: of the problem, or where the obstacles have settled; None without contact.
+        displacement: (owned, 3), conforming [m].
+        active: (n,), closed rows.
+        force: (n,), compression positive [N]; 0 in rows whose nodes are all constrained.
+        pressure: (n,), `ConstraintRows.pressure` [Pa].
+        penetration: (n,), B u - D, positive where the bodies penetrate [m].
+        contact_iterations: number of active sets.
+        krylov_iterations: of each linear solve.
+        preconditioner: of the last solve, as `LinearSolver.preconditioner`.
+        tie_force: (m,), pressure positive, tension negative, shear of either sign [N].
+        energy_error: bound of the linear solver's error in the energy norm [J^(1/2)].
+        rounding: bound of the energy norm (4) of a rigid motion, by rounding [J^(1/2)].
+    """
+
+    rows: ConstraintRows | None
+    displacement: FloatArray
+    active: BoolArray
+    force: FloatArray
+    pressure: FloatArray
+    penetration: FloatArray
+    contact_iterations: int
+    krylov_iterations: list[int]
+    preconditioner: str
+    tie_force: FloatArray
+    energy_error: float
+    rounding: float
+
+
+def solve_contact(
+    problem: ContactProblem, start: FloatArray, options: SolveOptions, stages: Stages
+) -> ContactSolution:
+    """The solution of `solve_system`, whose system is freed.
+
+    Collective on problem.matrix.comm.  Raises SolveError as `solve_system`.
+    """
+    with PetscObjects(problem.matrix.mat, problem.coarse) as objects:
+        return solve_system(problem, start, options, stages, objects)[0]
+
+
+def solve_system(
+    problem: ContactProblem, start: FloatArray, options: SolveOptions, stages: Stages, objects: PetscObjects
+) -> tuple[ContactSolution, ContactSystem | LinearSystem]:
+    """Solve a contact problem: a linear system for each active set, until the set repeats itself.
+
+    Collective on problem.matrix.comm.
+
+    Args:
+        start: (owned, 3), first guess, whose penetrations are the first active set [m].
+        objects: free the system, which owns the matrix.
+
+    Returns:
+        The solution, and the system of the closed rows for dual solutions.
+
+    Raises:
+        SolveError: a linear solve fails, too many active sets, an unconstrained body, prescribed penetrations, or an
+            obstacle that does not settle.
+    """
+    rows, matrix, comm = problem.rows, problem.matrix.mat, problem.matrix.comm
+    system: ContactSystem | LinearSystem
+    active: BoolArray
+    u = problem.supports.admissible(start)
+    with stages("system"):
+        jump = None if rows is None else Jump(rows, problem.supports)
+        if jump is not None:
+            reserve(matrix, jump)
+        matrix.assemble()
+        load, root = _impose(problem)
+    if rows is None or jump is None:
+        system = LinearSystem(problem, options.solver, stages, objects)
+        with stages("solve"):
+            u = system.solve(load, u, options.solver.tolerance)
+        error = system.solver.energy_error
+        active, (force, pressure, penetration, tied), count = np.zeros(0, dtype=bool), np.zeros((4, 0)), 1
+    else:
+        with stages("solve"):
+            carried = comm.allreduce(bool(start.any()), op=MPI.LOR)
+            status, u = _first_guess(problem, load, jump, u, options.solver, carried)
+        with stages("system"):
+            system = ContactSystem(problem, load, jump, status.active, options, stages, objects)
+        if problem.rows_at is None:
+            u, trial = _find_active_set(system, status, u, options.solver)
+            error = system.solver.energy_error
+        else:
+            jump, u, trial, error = settle(problem, jump, system, status, u, options.solver, _find_active_set)
+            rows = jump.rows
+        status.check_supported()
+        penetration, count, free = rows.penetration(u), status.updates, ~rows.equality
+        force = np.where(status.active & jump.movable, trial, 0.0)
+        tied, active, force, penetration = force[~free], status.active[free], force[free], penetration[free]
+        pressure = rows.part(ties=False).pressure(force)
+    solution = ContactSolution(
+        rows=rows,
+        displacement=u,
+        active=active,
+        force=force,
+        pressure=pressure,
+        penetration=penetration,
+        contact_iterations=count,
+        krylov_iterations=list(system.solver.iterations),
+        preconditioner=system.solver.preconditioner,
+        tie_force=tied,
+        energy_error=error,
+        rounding=ROUNDING * float(np.sqrt(comm.allreduce(float(((root * u) ** 2).sum())))),
+    )
+    return solution, system
+
+
+def _first_guess(
+    problem: ContactProblem, load: FloatArray, jump: Jump, u: FloatArray, options: Solver, carried: bool
+) -> tuple[ActiveSet, FloatArray]:
+    """First active set, its capped penalty term added to the matrix, and a displacement close to its solution."""
+    rows, matrix = jump.rows, problem.matrix.mat
+    status = ActiveSet(rows, problem.scene, u, options.max_contact)
+    capped = PenaltyTerm(jump, rows.capped_stiffness)
+    if problem.scene is not None and not carried:
+        stiffness = status.active * rows.capped_stiffness
+        u = move_bodies(problem.scene, matrix, load, jump, stiffness, u, problem.supports)
+    capped.of(status.active).add_to(matrix)
+    if carried and problem.volume is None:  # the matrix alone is too soft
+        u = relax(matrix, load, capped, u, status, rows.prolongation.space.degree)
+        status.reset_cycles()
+    return status, u
+
+
+def _find_active_set(
+    system: ContactSystem, status: ActiveSet, u: FloatArray, options: Solver
+) -> tuple[FloatArray, FloatArray]:
+    """Displacement (owned, 3) [m] and trial forces (n,) [N] of the final set: loose tolerance first, then the tight."""
+    tolerance = options.loose_tolerance
+    while True:
+        u = system.solve(status.active, u, tolerance)
+        trial = system.trial(u)
+        system.check_apart(trial, u)
+        loose = tolerance > options.tolerance
+        wanted = status.wanted(trial, system.solver.energy_error * options.tolerance / tolerance)
+        if status.differs(wanted) and not (loose and status.cycles(wanted)):
+            if status.updates == status.of_others + _UPDATES:
+                u, wanted, solves = find_closed_rows(system, u)
+                status.restart(wanted, u, solves)
+            else:
+                status.update(wanted)
+        elif loose:
+            tolerance = options.tolerance
+            status.reset_cycles()
+        else:
+            return u, trial
+
+
+def _impose(problem: ContactProblem) -> tuple[FloatArray, FloatArray]:
+    """The right-hand side with prescribed displacements [N], and the roots of the diagonal, both (owned, 3)."""
+    matrix, supports = problem.matrix.mat, problem.supports
+    if problem.matrix.held is None:
+        raise SolveError("the matrix is made without supports: Elasticity.stiffness(supports=...) eliminates them")
+    load = supports.free_part(problem.load - problem.matrix.held)
+    with PetscObjects() as objects:
+        vector = objects.add(matrix.getDiagonal())
+        diagonal, total = vector.array.reshape(-1, 3).copy(), vector.sum()
+    finite = bool(np.isfinite(total) and total > 0 and np.isfinite(load).all())
+    if not problem.matrix.comm.allreduce(finite, op=MPI.LAND):
+        raise SolveError("the stiffness or the load is not a finite number: check the units of moduli and lengths")
+    supports.add_normal_part(matrix, diagonal)
+    return np.where(supports.free, load, diagonal * supports.values), np.sqrt(np.abs(diagonal))

@@ -1,0 +1,121 @@
+"""The first guess of the displacement, improved before the preconditioner is set up."""
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fx_contact.contact.jump import Jump
+from fx_contact.contact.penalty_term import PenaltyTerm
+from fx_contact.fem.supports import Supports
+from fx_contact.law.active_set import ActiveSet
+from fx_contact.linalg.matrix import diagonal_blocks
+from fx_contact.linalg.operator import Equations, MatrixOperator
+from fx_contact.linalg.petsc_objects import PetscObjects
+from fx_contact.parallel.arrays import FloatArray
+from fx_contact.scene.scene import Scene
+
+#: Eigenvalues of the rigid motions' energy, relative to its diagonal, up to which they are the rounding of 0.
+_UNRESISTED = 1e-12
+#: Iterations with block Jacobi before each update of the active set by degree, and most updates
+#: (`studies.cost.contact_constants`).
+_RELAXATION, _UPDATES = {1: 15, 2: 5}, 5
+
+
+def move_bodies(
+    scene: Scene,
+    matrix: PETSc.Mat,
+    load: FloatArray,
+    jump: Jump,
+    stiffness: FloatArray,
+    u: FloatArray,
+    supports: Supports,
+) -> FloatArray:
+    """Add the rigid motions R a of all bodies that minimise the energy: R^T (K + B^T k B) R a = R^T r.
+
+    A displacement that is 0 at free nodes has the energy of one layer of cells.  For a stiff body on a soft one this
+    is a thousand times the energy of the solution, and takes a dozen iterations of PCG.
+
+    Collective on matrix.comm.
+
+    Args:
+        matrix: K without penalty.
+        load: (owned, 3), right-hand side without contact [N].
+        stiffness: (n,), k [N/m].
+        u: (owned, 3), displacement so far [m].
+    """
+    rows, entries, motions, count = jump.rows, jump.rows.entries, scene.rigid_motions, len(scene.mesh.bodies)
+    prolongation, space = rows.prolongation, rows.prolongation.space
+    body = prolongation.injected(scene.mesh.body[space.forest.cell[space.example[:, 0]]].astype(np.int64))
+    modes = motions.modes(prolongation.injected(space.positions()), body).swapaxes(0, 1)
+    modes = np.stack([supports.free_part(mode) for mode in np.ascontiguousarray(modes)])
+
+    def of_bodies(modes: FloatArray, values: FloatArray) -> FloatArray:
+        """This rank's sums over each body of modes (6, owned, 3) times values (owned, 3): (nbodies, 6)."""
+        work = [np.einsum("ni,ni->n", mode, values) for mode in modes]
+        return np.stack([np.bincount(body, one, minlength=count) for one in work], axis=1)
+
+    with PetscObjects() as objects:
+        operator = MatrixOperator(matrix, objects)
+        force = of_bodies(modes, Equations(load, PenaltyTerm(jump, stiffness)).residual(operator, u))
+        products = np.zeros_like(modes)  # six suffice, for K does not couple bodies
+        for mode in range(6):
+            operator.add_product(modes[mode], products[mode])
+        diagonal = of_bodies(modes**2, operator.diagonal()).ravel()
+
+    gram = np.zeros((count, 6, count, 6))
+    gram[np.arange(count), :, np.arange(count)] = np.stack([of_bodies(modes, one) for one in products], axis=2)
+    across = np.zeros((len(rows), 6 * count))
+    moved = rows.bodies[entries.row, entries.side]
+    np.add.at(across, entries.row, motions.along(rows.position[entries.row], moved, jump.values))
+    square = gram.reshape(6 * count, -1) + (across.T * stiffness) @ across
+    sums = np.concatenate([square, force.reshape(1, -1), (diagonal + stiffness @ across**2)[None]])
+    prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
+    motion = _solved(sums[:-2], sums[-2], sums[-1]).reshape(count, 6)
+    return u + np.einsum("nm,mni->ni", motion[body], modes)
+
+
+def _solved(matrix: FloatArray, right_hand_side: FloatArray, diagonal: FloatArray) -> FloatArray:
+    """The minimum-norm solution of a symmetric system, scaled by its diagonal before cancellation."""
+    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
+    values, vectors = np.linalg.eigh(scale[:, None] * (matrix + matrix.T) / 2 * scale)
+    some = values > _UNRESISTED
+    vectors = scale[:, None] * vectors[:, some]
+    return vectors @ ((right_hand_side @ vectors) / values[some])
+
+
+def relax(
+    matrix: PETSc.Mat, load: FloatArray, term: PenaltyTerm, u: FloatArray, status: ActiveSet, degree: int
+) -> FloatArray:
+    """Smooth a displacement from a coarser mesh by PCG with block Jacobi, and update the active set by it.
+
+    Its error has short wavelengths, at the edge of the contact.  The smoothed one mostly has the final active set.
+
+    Collective on matrix.comm.
+
+    Args:
+        matrix: with the penalty term of the active set, with which it changes.
+        load: (owned, 3), right-hand side without contact [N].
+        term: of all rows.
+        u: (owned, 3), first guess [m].
+        degree: of the displacements.
+    """
+    with PetscObjects() as objects:
+        ksp = objects.add(PETSc.KSP().create(matrix.comm))
+        ksp.setType(PETSc.KSP.Type.CG)
+        ksp.getPC().setType(PETSc.PC.Type.PBJACOBI)
+        ksp.setNormType(PETSc.KSP.NormType.NONE)
+        ksp.setInitialGuessNonzero(True)
+        ksp.setTolerances(max_it=_RELAXATION[degree])
+        x, b = map(objects.add, matrix.createVecs())
+        x.array[:] = u.ravel()
+        for _ in range(_UPDATES):
+            b.array[:] = (load + term.of(status.active).load()).ravel()
+            ksp.setOperators(matrix, diagonal_blocks(matrix))
+            ksp.solve(b, x)
+            u = x.array.reshape(-1, 3).copy()
+            before, wanted = status.active, status.wanted(term.forces(u), 0.0)
+            if not status.differs(wanted) or status.cycles(wanted):
+                break
+            status.update(wanted)
+            term.of(status.active.astype(float) - before).add_to(matrix)
+    return u

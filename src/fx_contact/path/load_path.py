@@ -1,0 +1,311 @@
+"""Load paths: scenes that depend on a number, each solved from the solution of the one before."""
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from inspect import signature
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.adaptive.adaptive_loop import Run, adapt
+from fx_contact.adaptive.beginning import Beginning
+from fx_contact.adaptive.checkpoint import NAME, Checkpoint, CheckpointWriter, State
+from fx_contact.adaptive.checkpoint_file import CheckpointFile
+from fx_contact.adaptive.step import Step
+from fx_contact.adaptive.step_record import StepRecord
+from fx_contact.adaptive.step_report import html_table, table_head, table_row
+from fx_contact.estimate.effectivity import RefinementHistory
+from fx_contact.estimate.error_control import ErrorControl
+from fx_contact.fem.space import Space
+from fx_contact.forest.coarsening import coarsened
+from fx_contact.forest.forest import Forest
+from fx_contact.geometry import hexahedron
+from fx_contact.parallel.agreement import check_alike
+from fx_contact.parallel.arrays import FloatArray, Int8Array
+from fx_contact.parallel.errors import CheckpointError, PartitionError, SceneError
+from fx_contact.parallel.meeting import calling, collective
+from fx_contact.parallel.mpi import together
+from fx_contact.parallel.validation import (
+    as_path,
+    check_arguments,
+    check_comm,
+    check_number,
+    check_tolerance,
+    percent,
+    shown,
+)
+from fx_contact.path.sweep_record import SweepRecord, write_sweep
+from fx_contact.scene.fingerprint import same_mesh
+from fx_contact.scene.scene import Scene, check_scene
+
+#: Starts of a point (`SweepRecord.begun`).
+ANEW, COARSE = "anew", "coarse"
+
+
+@collective("comm")
+def sweep(
+    scene_of: Callable[[float], Scene],
+    values: Iterable[float],
+    tolerance: float,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    *,
+    folder: str | Path | None = None,
+    restart: bool = False,
+    **options: Any,
+) -> "Sweep":
+    """Solve scenes that depend on a number (approach, force, modulus), each to a prescribed accuracy.
+
+    Collective on comm; so is every point of the iteration.  A point begins with the displacement of the one before on
+    its coarsened forest (`carried_over`), or anew if the root mesh or the contact pairs of the scene change.
+    Contact without friction has no history: the points may be solved in any order.
+
+    Args:
+        scene_of: scene of a value; called collectively, in turn.
+        values: of the parameter, numbers.
+        tolerance: prescribed relative error e in the energy norm of each point, (6) [-].
+        folder: for `sweep.jsonl`, `sweep.csv` and the checkpoint of the last point; None: nothing is written.
+        restart: continue after the last point in that folder; further `values` may follow the old ones.
+        options: of `adapt`, for each point; a `beginning` is for points that begin anew.
+
+    Raises:
+        SceneError: values are no finite numbers, arguments differ between ranks, all scenes are the same, or as
+            `adapt`.
+        CheckpointError: there is nothing to restart from, or it is of other values, another problem or other options.
+        OutputError: the folder cannot be written, or has the checkpoint of another run.
+        FxContactError: as `adapt`, while a point is solved.
+    """
+    check_comm(comm)
+    with together(comm):
+        if not callable(scene_of):
+            raise SceneError(f"scene_of must be a function of a value that gives a Scene, got {shown(scene_of)}")
+        points = _checked(values)
+        check_arguments("adapt", signature(adapt), (scene_of, tolerance), options)
+        check_tolerance("the tolerance", tolerance)
+        for name in ("checkpoint", "restart"):
+            if name in options:
+                raise SceneError(f"a sweep takes no {name!r} of adapt: it keeps its last point in its own folder")
+        if folder is not None:
+            folder = as_path("the folder of a sweep", folder)
+        elif restart:
+            raise SceneError("a sweep restarts from the folder of one before: name it")
+    check_alike(comm, {"values": points, "folder of a sweep": folder and str(folder), "restart": bool(restart)})
+    return Sweep(scene_of, points, tolerance, comm, folder, restart, options)
+
+
+def _checked(values: Iterable[float]) -> list[float]:
+    """Raises SceneError unless they are finite numbers, one at least."""
+    try:
+        numbers = list(values)
+    except TypeError:
+        raise SceneError(f"the values of a sweep must be a list of numbers, got {shown(values)}") from None
+    if not numbers:
+        raise SceneError("the values of a sweep must be one number at least, got none")
+    return [check_number("a value of a sweep", number) for number in numbers]
+
+
+@dataclass(frozen=True, eq=False)
+class SweepPoint:
+    """A solved point of a load path: value of the parameter, last step, record."""
+
+    value: float
+    step: Step
+    record: SweepRecord
+
+    def __getattr__(self, name: str) -> Any:
+        meant = f"; did you mean `point.step.record.{name}`?" if name in StepRecord.__dataclass_fields__ else ""
+        raise AttributeError(f"a SweepPoint has no attribute {name!r}{meant}", name=name)
+
+    def __str__(self) -> str:
+        return str(self.record)
+
+
+class Sweep:
+    """A load path: an iterator of its points, made by `sweep`.  Collective on comm.
+
+    Attributes:
+        records: of all points so far, with those before a restart.
+    """
+
+    def __init__(
+        self,
+        scene_of: Callable[[float], Scene],
+        values: list[float],
+        tolerance: float,
+        comm: MPI.Intracomm,
+        folder: Path | None,
+        restart: bool,
+        options: dict[str, Any],
+    ) -> None:
+        self.records: list[SweepRecord] = []
+        self._scene_of, self._values, self._tolerance, self._comm = scene_of, values, tolerance, comm
+        self._folder, self._options = folder, options
+        self._handed_out = False  # all points, in a loop
+        self._writer: CheckpointWriter | None = None
+        self._before: Checkpoint | None = None  # to restart from
+        self._last: State | None = None  # of the last point
+        self._first: dict[str, Any] | None = None  # problem of the first point
+        self._alike = not restart  # all problems so far
+        if restart and folder is not None:
+            self._resume(folder)
+
+    def __iter__(self) -> Self:
+        if self._handed_out:
+            raise SceneError(
+                "the points of this Sweep have been solved and handed out: `records` has the figures of all; "
+                "list(sweep(...)) keeps the points, with their memory"
+            )
+        return self
+
+    def __repr__(self) -> str:
+        rows = (f"{point.value:>11.5g}  {table_row(point.record)}" for point in self.records)
+        told = (f"at {p.value:g}: {one.kind}, {one.message}" for p in self.records for one in p.record.doubts)
+        return "\n".join([self._caption(), f"{'value':>11}  {table_head()}", *rows, *told])
+
+    def _repr_html_(self) -> str:
+        """Table in notebooks."""
+        records = [point.record for point in self.records]
+        return html_table(self._caption(), records, [point.value for point in self.records])
+
+    def _caption(self) -> str:
+        """Tolerance and state of the load path."""
+        done = f"{len(self.records)} of {len(self._values)} points"
+        return f"load path, tolerance {percent(self._tolerance)}: {done}, the last step of each"
+
+    def __getitem__(self, index: object) -> SweepPoint:
+        raise SceneError(
+            f"a Sweep has no point {shown(index)}: it yields one after the other, and `records` has the figures of "
+            "all; list(...) keeps the points, with their memory"
+        )
+
+    def __next__(self) -> SweepPoint:
+        if len(self.records) >= len(self._values):
+            self._handed_out = self._last is not None
+            raise StopIteration
+        with calling(self._comm, "the next point of sweep"):
+            return self._point()
+
+    def _point(self) -> SweepPoint:
+        value = self._values[len(self.records)]
+        scene = self._scene_of(value)
+        with together(self._comm):
+            check_scene(scene)
+        start = time.process_time()
+        run, begun = self._run(scene)
+        step = run.last_step()
+        compiled = sum(one.cpu_seconds["compile"] for one in run.records)
+        record = SweepRecord(
+            point=len(self.records),
+            value=value,
+            begun=begun,
+            solves=len(run.records),
+            unknowns=sum(one.dofs for one in run.records),
+            cpu_seconds=self._comm.allreduce(time.process_time() - start) - compiled,
+            record=step.record,
+        )
+        self.records.append(record)
+        self._last = State.of(step)
+        if self._folder is not None and self._writer is not None:
+            points = [record.as_json() for record in self.records]
+            self._writer.save(step, [step.record], {"problem": run.settings.problem, "points": points})
+            write_sweep(self._folder, self._comm, self.records)
+        return SweepPoint(value, step, record)
+
+    def _run(self, scene: Scene) -> tuple[Run, str]:
+        """The Run of a scene after its first step, and its start.  Collective."""
+        options, last = self._options, self._last
+        if last is not None and _same_root(last, scene):
+            control, kind = options.get("control") or ErrorControl(), options.get("partition_kind", "contact-sfc")
+            try:
+                begin = carried_over(last, self._tolerance, control, kind)
+                return self._begun(scene, options | {"beginning": begin}), COARSE
+            except PartitionError:  # the coarse forest has too few leaves for the ranks
+                pass
+        return self._begun(scene, options), ANEW
+
+    def _begun(self, scene: Scene, options: dict[str, Any]) -> Run:
+        """A Run of a scene after its first step.  Collective."""
+        run = adapt(scene, self._tolerance, self._comm, **options)
+        if self._folder is not None and self._writer is None:
+            about = run.settings.problem, run.settings.fixed(), self._before
+            self._writer = CheckpointWriter(self._folder, self._comm, *about)
+        with together(self._comm):
+            self._check_varied(run.settings.problem)
+        run.advance()
+        return run
+
+    def _check_varied(self, problem: dict[str, Any]) -> None:
+        """Raises SceneError before the last point if all scenes are the same, and the values are not.  Local."""
+        self._alike &= problem == (self._first or problem)
+        self._first = self._first or problem
+        if self._alike and len(self.records) + 1 == len(self._values) and len({*self._values}) > 1:
+            raise SceneError("the scenes of all values are the same: scene_of must use its argument")
+
+    def _resume(self, folder: Path) -> None:
+        """Continue after the last point in the folder.  Collective."""
+        path, comm = folder / NAME, self._comm
+        points = CheckpointFile(path, comm).content.get("points")
+        with together(comm):
+            if points is None:
+                raise CheckpointError(f"{str(path)!r} is of a single run, not of a sweep: name another folder")
+            self.records = [SweepRecord.from_json(entries) for entries in points]
+            solved = [record.value for record in self.records]
+            if solved != self._values[: len(solved)]:
+                raise CheckpointError(
+                    f"{str(path)!r} belongs to a sweep over {shown(solved)}, and the values now begin with "
+                    f"{shown(self._values[: len(solved)])}: give the same, and more if you like"
+                )
+        scene = self._scene_of(solved[-1])
+        before = self._before = Checkpoint(folder, scene, comm)
+        settings = adapt(scene, self._tolerance, comm, **self._options).settings
+        with together(comm):
+            before.check(settings.problem, settings.fixed())
+        self._last = before.load()
+        write_sweep(folder, comm, self.records)
+
+
+def _same_root(state: State, scene: Scene) -> bool:
+    """True if a state is on the root mesh of a scene, with its contact pairs, and forces on the same obstacles."""
+    forest, pressed = state.forest, [len(interface.loads) > 0 for interface in scene.interfaces]
+    if [t is not None for t in state.approaches or [None] * len(pressed)] != pressed:
+        return False
+    return same_mesh(forest.mesh, scene.mesh) and forest.stands_on(scene.pairing, scene.contact_surfaces)
+
+
+def carried_over(state: State, tolerance: float, control: ErrorControl, kind: str) -> Beginning:
+    """The coarsened forest of a state, and its displacement there, a first guess.
+
+    Collective on state.forest.comm.  Criterion (2) refines cells with an error above e omega / sqrt(N).  A leaf merges
+    with its siblings if two refinements of the parent, the most of one marking, are expected to lead to at most this
+    error (smooth solution).  A run then has two meshes as a rule, and measures the effectivity of the estimator.
+
+    Args:
+        tolerance: prescribed accuracy e [-].
+        kind: of partition, a key of `partition.KINDS`.
+    """
+    forest, estimate, history = state.forest, state.estimate, state.history
+    allowed = (control.correction(history) * tolerance * estimate.energy_norm) ** 2 / estimate.cells
+    merges = _merges(estimate.error**2, allowed / estimate.child_error**2, estimate.child_error, forest.level)
+    history = RefinementHistory(history.effectivity)
+    if not forest.comm.allreduce(bool(merges.any()), op=MPI.LOR):
+        return Beginning(forest, state.values, history, state.approaches)
+    merged = coarsened(forest, forest.level - merges, kind)
+    return Beginning(merged, _on_nodes(forest, state.values, merged), history, state.approaches)
+
+
+def _merges(error2: FloatArray, allowed: float, child_error: float, level: Int8Array) -> Int8Array:
+    """Merges (n,) of leaves: xi_T^2 of the ancestor k levels above, child_error^(-k) times theirs, is allowed."""
+    ancestors = np.arange(1, int(level.max(initial=0)) + 1)
+    small = error2[:, None] <= allowed * child_error**ancestors
+    return np.minimum(small.sum(axis=1), level).astype(np.int8)
+
+
+def _on_nodes(forest: Forest, values: FloatArray, merged: Forest) -> FloatArray:
+    """Nodal values (n, (p+1)^3, k) on a coarser forest, whose nodes are nodes of the finer one.  Collective."""
+    degree = hexahedron.order_of(values.shape[1])
+    before, after = Space(forest, degree), Space(merged, degree)
+    leaf, node = before.example.T
+    found, _ = before.directory.lookup(after.keys, values[leaf, node], np.ones(len(before), dtype=bool))
+    return found[after.cells]

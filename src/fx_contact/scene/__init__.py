@@ -1,0 +1,1 @@
+"""The scene: items on a root mesh, checked."""

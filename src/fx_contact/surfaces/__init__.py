@@ -1,0 +1,1 @@
+"""Contact surfaces: facets that face each other, on matching meshes and others."""

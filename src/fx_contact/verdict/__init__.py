@@ -1,0 +1,1 @@
+"""What a solution says: figures of contact, resultants, violated assumptions."""

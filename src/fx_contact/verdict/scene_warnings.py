@@ -1,0 +1,114 @@
+"""Model warnings of a scene itself, whatever its solution: loads that do not act, bodies left free on a plane."""
+
+import numpy as np
+
+from fx_contact.items.boundary_conditions import PLANE, RigidMotion
+from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.validation import percent
+from fx_contact.scene.mirrors import mirror_group, symmetry_planes
+from fx_contact.scene.scene import Scene
+from fx_contact.scene.scene_validation import facet_areas
+from fx_contact.verdict.validity import LARGE, MISSED, ModelWarning
+
+
+def warnings_of(scene: Scene) -> list[ModelWarning]:
+    """Violated assumptions of a scene.  Local."""
+    return [
+        *_held_loads(scene),
+        *_zero_loads(scene),
+        *_loads_on_contact(scene),
+        *_large_rotations(scene),
+        *_free_on_planes(scene),
+    ]
+
+
+def _large_rotations(scene: Scene) -> list[ModelWarning]:
+    """Prescribed rotations that are not small."""
+    warnings = []
+    for condition in scene.dirichlet:
+        angle = float(np.linalg.norm(condition.rotation)) if isinstance(condition, RigidMotion) else 0.0
+        if angle > LARGE:
+            message = (
+                f"the rotation by {np.degrees(angle):.2g} degrees prescribed on {condition.where!r} is that of linear "
+                f"elasticity, which lengthens lines across its axis by {percent(angle**2 / 2)}; limit "
+                f"{np.degrees(LARGE):.2g} degrees"
+            )
+            warnings.append(ModelWarning("large rotation", angle, LARGE, condition.where, message))
+    return warnings
+
+
+def _held_loads(scene: Scene) -> list[ModelWarning]:
+    """Surface forces and elastic supports of which a part acts on prescribed displacements of its surface."""
+    message = (
+        "{} acts by {:.0%} on displacements that conditions on its surface prescribe, where it moves nothing; limit "
+        "{:.0%}: name surfaces apart, or leave that part out"
+    )
+    return [
+        ModelWarning("held load", share, MISSED, load.surface, message.format(load.what, share, MISSED))
+        for load, share in zip((*scene.tractions, *scene.springs), scene.held_shares)
+        if share > MISSED
+    ]
+
+
+def _zero_loads(scene: Scene) -> list[ModelWarning]:
+    """Loads, and stress-free strains, that are zero everywhere."""
+    return [
+        ModelWarning("zero load", 0.0, 0.0, place, f"{what} is zero everywhere and has no effect; check its value")
+        for what, place in scene.zero_loads
+    ]
+
+
+def _loads_on_contact(scene: Scene) -> list[ModelWarning]:
+    """Surface forces and elastic supports of which a part acts on contact or tied surfaces."""
+    mesh, warnings = scene.mesh, list[ModelWarning]()
+    joined = (scene.contact_surfaces.contact >= 0) & (scene.contact_surfaces.contact < scene.joins)
+    for load in (*scene.tractions, *scene.springs):
+        facets = mesh.surface(load.surface)
+        area = facet_areas(mesh.facet_points(facets, order=1))
+        share = float(area @ joined[tuple(facets.T)] / area.sum())
+        if share > MISSED:
+            message = (
+                f"{load.what} acts by {share:.0%} of its area on contact or tied surfaces, also where they are closed; "
+                f"limit {MISSED:.0%}: name another surface"
+            )
+            warnings.append(ModelWarning("load on contact", share, MISSED, load.surface, message))
+    return warnings
+
+
+def _free_on_planes(scene: Scene) -> list[ModelWarning]:
+    """Bodies with facets on a plane of symmetry, none of which a condition holds along its normal.
+
+    Mirrors of SymmetryPlanes first; if these make too few copies, other planes without normal displacement, unless
+    enough of them are held by all bodies.
+    """
+    mirrors = scene.mirrors
+    if mirrors.parts == scene.symmetry:
+        return [free for row, at in zip(mirrors.normals, mirrors.at) for free in _free_on(scene, np.asarray(row), at)]
+    warnings, held = list[ModelWarning](), list[FloatArray]()
+    for name, normal in symmetry_planes(scene):
+        at = float((scene.mesh.facet_points(scene.mesh.surface(name), order=1) @ normal).mean())
+        free = _free_on(scene, normal, at)
+        warnings += free
+        held += [normal] if not free else []
+    return [] if len(mirror_group(np.array(held).reshape(-1, 3), scene.symmetry)) >= scene.symmetry else warnings
+
+
+def _free_on(scene: Scene, normal: FloatArray, at: float) -> list[ModelWarning]:
+    """Bodies with facets on a plane with a normal (3,) at a place along it [m], none of which is held there."""
+    mesh, warnings = scene.mesh, list[ModelWarning]()
+    outside = np.argwhere(mesh.face_neighbours == 1)
+    heights = mesh.facet_points(outside, order=1) @ normal - at
+    there = outside[(np.abs(heights) <= PLANE * np.ptp(mesh.points, axis=0).max()).all(axis=1)]
+    across: FloatArray = np.zeros(mesh.faces.shape)
+    for condition in scene.conditions:
+        if condition.where in mesh.surfaces:
+            across[tuple(mesh.surface(condition.where).T)] += float(normal @ condition.across @ normal)
+    bodies, free = mesh.body[there[:, 0]], across[tuple(there.T)] <= PLANE
+    for body in np.setdiff1d(bodies, bodies[~free]):
+        count, name = int((bodies == body).sum()), mesh.bodies[body]
+        message = (
+            f"body {name!r} has {count} root facets on the symmetry plane with the normal {normal.round(6)}, and "
+            "no SymmetryPlane there: its mirror image may pass through it; name these facets"
+        )
+        warnings.append(ModelWarning("free on a plane", float(count), 0.0, name, message))
+    return warnings

@@ -1,0 +1,395 @@
+"""Assumptions of the model that a solution may violate: linear elasticity, contact between facing nodes.
+
+Strain and rotation. Of E = (grad u + grad u^T + grad u^T grad u) / 2 linear elasticity keeps the linear part and omits
+a share of |grad u| / 2. The largest strain grows without bound at the edge of a punch when the mesh is refined. The
+mean strain, weighted by the strain energy, does not depend on the mesh and is twice the omitted share of the energy.
+The rotation, weighted by the volume, is that of a rigid or a bent body.
+
+Sliding. The pairing of nodes is valid for sliding that is small against the length on which the gap changes: the
+radius of the contact, or of parallel surfaces.  A body that slides in another one of the same curvature turns: its
+large rotation is found first.
+
+Largest pressure. At a sharp edge it is infinite, and grows on each finer mesh.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.contact.row_kinds import kinds_of
+from fx_contact.estimate.goal_errors import GoalRecord
+from fx_contact.estimate.quantities import MaxPressure, Quantity
+from fx_contact.estimate.solved_state import SolvedState
+from fx_contact.fem.cell_strain import cell_strains
+from fx_contact.fem.external_forces import finer_totals
+from fx_contact.forest.forest import Forest
+from fx_contact.geometry import hexahedron
+from fx_contact.geometry.lattice import SIDE
+from fx_contact.geometry.leaf_facets import LeafFacets
+from fx_contact.items.boundary_conditions import BodyForce
+from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.errors import ValidityError
+from fx_contact.parallel.validation import as_tuple, check_name, percent
+from fx_contact.scene.scene import Scene
+
+Point: TypeAlias = tuple[float, float, float]
+
+#: Limit of strain and rotation: 2.5 % of it, or of the stress, is omitted.
+LARGE = 0.05
+#: Kinds of warnings that are errors from these values on, unless they are allowed: 25 % is omitted.
+REFUSED = {"large strain": 0.5, "large rotation": 0.5, "no load": 0.0}
+#: Limit of the sliding of closed rows, relative to the radius of the contact [-].
+SLIDING = 0.1
+#: Limit of the initial overlap, relative to the thinner of the two bodies: as much strain as `LARGE` [-].
+INITIAL_OVERLAP = 0.05
+#: Limit of the part of a load that the mesh misses [-].
+MISSED = 0.01
+#: Limit of the part of the smaller of two tied surfaces that faces nothing: the tied section is so much smaller [-].
+UNCOVERED = 0.1
+#: Refinements for a largest pressure after each of which it has grown by more than half of its tolerance.  At a corner
+#: of a cube it grows by 61 % with each level; below a rounded edge it grew once, by 19 % (studies/goals).
+GROWTHS = 3
+#: The same growth of the largest pressure of all contacts, without a goal [-].  Under a stamp with sharp edges it grows
+#: by 17 % or more on most meshes, of round contact by less than 1 % from 28 closed pairs on (studies.goals.pressures).
+GROWTH = 0.05
+#: Largest initial overlap of touching bodies, relative to the size of all [-]; spheres of order 3 have 2.5e-9.
+_TOUCHING = 1e-8
+#: Largest standard deviation of the initial gap of parallel surfaces over the approach [-]; of spheres it is 0.14.
+_PARALLEL = 0.01
+#: Order of the sampling lattice for initial overlaps on root facets.
+_SAMPLES = 8
+#: Relative difference by rounding.
+_SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class ModelWarning:
+    """A violated modelling assumption.
+
+    Attributes:
+        kind: "large strain", "large rotation", "sliding", "no contact", "initial overlap", "unresolved load",
+            "growing pressure", "uncovered", "oblique direction", "penetration", "no load", "zero load", "held load",
+            "load on contact" or "free on a plane".
+        value: found, in the unit that the message says.
+        limit: exceeded by the value; for "no contact" and "no load" reached.
+        place: a point, undeformed [m], or the name of a body, a surface or the scene.
+        message: a sentence with all of it.
+    """
+
+    kind: str
+    value: float
+    limit: float
+    place: Point | str
+    message: str
+
+
+def checked_kinds(allow: str | Sequence[str]) -> tuple[str, ...]:
+    """Kinds of warnings to allow, or one, as a tuple.  Local.  Raises SceneError unless they are keys of `REFUSED`."""
+    kinds = as_tuple("allow, the kinds of warnings,", allow, str)
+    for kind in kinds:
+        check_name("kind of warnings to allow", kind, REFUSED)
+    return kinds
+
+
+def check_model_warnings(warnings: Sequence[ModelWarning], allow: Sequence[str]) -> None:
+    """Raises ValidityError if a warning is an error by `REFUSED`, and its kind is not allowed.  Local."""
+    for warning in warnings:
+        if warning.kind not in allow and warning.value >= REFUSED.get(warning.kind, np.inf):
+            kind = repr(warning.kind)
+            raise ValidityError(
+                f"{warning.message}; allow=({kind},), or --allow {kind} of a demo, goes on all the same"
+            )
+
+
+def load_warnings(scene: Scene) -> list[ModelWarning]:
+    """A warning if nothing loads a scene: no displacement, force, function of position, or initial overlap.  Local."""
+    if any(callable(value) or np.any(value) for value in scene.data):
+        return []
+    if scene.contact and _initial_overlap(scene) > _TOUCHING * np.ptp(scene.mesh.points, axis=0).max():
+        return []
+    message = (
+        f"nothing loads the scene {scene.name!r}: its prescribed displacements and forces are zero, and no bodies "
+        "penetrate each other, so that the solution is zero; prescribe a displacement or a force"
+    )
+    return [ModelWarning("no load", 0.0, 0.0, scene.name, message)]
+
+
+def _initial_overlap(scene: Scene) -> float:
+    """Largest penetration of root facets, at a lattice of points on each [m]."""
+    forest = Forest.of_roots(MPI.COMM_SELF, scene.mesh, scene.pairing, scene.contact_surfaces)
+    deepest = 0.0
+    for kind in kinds_of(scene)[: len(scene.contact)]:
+        cell, face = kind.facets(forest)
+        nodes = hexahedron.grid_points(_SAMPLES)[hexahedron.face_nodes(_SAMPLES)[face]] * (SIDE // _SAMPLES)
+        apart = kind.apart(forest, cell, face, nodes.astype(np.int32))
+        across = scene.contact_directions(np.stack([cell, face], axis=1))
+        gap = np.einsum("nmi,ni->nm", apart, across) + kind.contact.clearance
+        deepest = max(deepest, float(-gap.min(initial=0.0)))
+    return deepest
+
+
+def model_warnings(state: SolvedState, load_totals: FloatArray) -> list[ModelWarning]:
+    """All violated assumptions of a solution, the same on all ranks.
+
+    Collective on state.forest.comm.  Raises SceneError for a function of a load that is not finite somewhere.
+
+    Args:
+        state: with the energies of the cells in `estimate`.
+        load_totals: (k, nbodies, 6), resultants of the k loads on each body, as from `load_and_totals`.
+    """
+    warnings = [*load_warnings(state.scene), *_large_deformations(state)]
+    rows = state.rows
+    if rows is not None:
+        closed = state.forest.comm.allreduce(bool(state.solution.active.any()), op=MPI.LOR)
+        warnings += _sliding(state, rows) + _initial_overlaps(state, rows) if closed else [_no_contact(state, rows)]
+        warnings += [*_cut_off(state, rows), *_oblique(state, rows)]
+    return warnings + _uncovered_ties(state.scene) + _unresolved_loads(state, load_totals)
+
+
+def growing_pressures(goals: Sequence[Quantity], records: Sequence[Sequence[GoalRecord]]) -> list[ModelWarning]:
+    """Largest pressures, of goals that are not reached, that have grown on each of the last meshes.  Local.
+
+    Args:
+        records: of the goals, of each step so far; steps before a restart may lack some, and those without an
+            estimated error do not count.
+    """
+    warnings = []
+    for index, goal in enumerate(goals):
+        found = [record[index] for record in records if index < len(record)]
+        judged = [record for record in found if record.error is not None]
+        values, limit = [record.value for record in judged[-GROWTHS - 1 :]], float(goal.tolerance) / 2
+        if not isinstance(goal, MaxPressure) or len(values) <= GROWTHS or judged[-1].reached:
+            continue
+        growth = min(new / old - 1 for old, new in zip(values, values[1:]))
+        if growth > limit:
+            message = (
+                f"the {goal.name} has grown by {growth:.0%} or more on each of the last {GROWTHS} meshes, "
+                f"from {values[0]:.4g} to {values[-1]:.4g}: at a sharp edge it is infinite; limit {limit:.1%}"
+            )
+            warnings.append(ModelWarning("growing pressure", growth, limit, goal.pair, message))
+    return warnings
+
+
+def growing_pressure(scene: Scene, goals: Sequence[Quantity], pressures: Sequence[float]) -> list[ModelWarning]:
+    """A largest pressure of all contacts that has grown on each of the last meshes, without a goal for one.  Local.
+
+    Args:
+        pressures: largest one of each step so far [Pa].
+    """
+    values = pressures[-GROWTHS - 1 :]
+    if len(values) <= GROWTHS or not all(values) or any(isinstance(goal, MaxPressure) for goal in goals):
+        return []
+    growth = min(new / old - 1 for old, new in zip(values, values[1:]))
+    if growth <= GROWTH:
+        return []
+    message = (
+        f"the largest contact pressure has grown by {growth:.0%} or more on each of the last {GROWTHS} meshes, from "
+        f"{values[0]:.4g} to {values[-1]:.4g}: no tolerance controls it, and at a sharp edge it is infinite; limit "
+        f"{GROWTH:.0%}; a goal MaxPressure estimates its error"
+    )
+    return [ModelWarning("growing pressure", growth, GROWTH, scene.name, message)]
+
+
+def _large_deformations(state: SolvedState) -> list[ModelWarning]:
+    """The largest mean strain and rotation of a body or part, if they exceed `LARGE`."""
+    forest, names = state.forest, state.forest.mesh.regions
+    region = forest.mesh.region[forest.cell[state.elasticity.leaf_mesh.leaf]]
+    strain, rotation, volume = cell_strains(state.field.function)
+    energy = state.estimate.energy
+    assert energy is not None, "kept in a step"
+    columns = energy, energy * strain, volume, volume * rotation
+    sums = np.stack([np.bincount(region, column, len(names)) for column in columns]).astype(float)
+    forest.comm.Allreduce(MPI.IN_PLACE, sums)
+    strains = np.divide(sums[1], sums[0], out=np.zeros(len(names)), where=sums[0] > 0)
+    rotations = sums[3] / sums[2]
+    warnings = []
+    for kind, values in (("large strain", strains), ("large rotation", rotations)):
+        value = float(values.max())
+        if value > LARGE:
+            name = names[int(np.argmax(values >= (1 - _SAME) * value))]
+            if kind == "large strain":
+                did, limit = f"has a strain of {value:.2g}, the mean over its strain energy", f"{LARGE:g}"
+            else:
+                did = f"turns by {np.degrees(value):.2g} degrees, the mean over its volume"
+                limit = f"{np.degrees(LARGE):.2g} degrees"
+            of = "part" if name in forest.mesh.parts else "body"
+            message = (
+                f"{of} {name!r} {did}: linear elasticity is for small ones, and omits about {value / 2:.2g} of it; "
+                f"limit {limit}"
+            )
+            warnings.append(ModelWarning(kind, value, LARGE, name, message))
+    return warnings
+
+
+def _sliding(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+    """Contacts whose closed rows have slid."""
+    force, contacts = state.solution.force, state.scene.contact
+    count, comm = len(contacts), rows.prolongation.comm
+    slid, area = rows.sliding(state.solution.displacement), np.where(state.solution.active, rows.area, 0.0)
+
+    def sums(*columns: FloatArray) -> FloatArray:
+        """Of each column over the rows of each contact: (columns, contacts)."""
+        return comm.allreduce(
+            np.stack([np.bincount(rows.contact, column, count) for column in columns]).astype(float)
+        )
+
+    total, moved, gap, closed, surface = sums(force, force * slid, area * rows.gap, area, rows.area)
+    moved = np.divide(moved, total, out=np.zeros(count), where=total > 0)
+    gap = np.divide(gap, closed, out=np.zeros(count), where=closed > 0)
+    (varies,) = sums(area * (rows.gap - gap[rows.contact]) ** 2)
+    _, approach = rows.force_and_approach(force, rows.contact, count)
+    warnings = []
+    for index in np.flatnonzero(total > 0):
+        shaped = np.sqrt(varies[index] / closed[index]) > _PARALLEL * approach[index]
+        radius = np.sqrt(state.scene.symmetry * (closed[index] if shaped else surface[index]) / np.pi)
+        value, limit = float(moved[index]), float(SLIDING * radius)
+        if value > limit:
+            place = _place_of_largest(comm, np.where(force > 0, slid, 0.0), rows.position)[0]
+            names, kind = " and ".join(map(repr, contacts[index].surfaces)), "contact" if shaped else "surface"
+            message = (
+                f"closed nodes of {names} have moved past each other by {value:.3g} in the mean, and their {kind} has "
+                f"a radius of {radius:.3g}: they act on each other as if they still faced each other; limit "
+                f"{limit:.3g}, in units of the mesh"
+            )
+            warnings.append(ModelWarning("sliding", value, limit, place, message))
+    return warnings
+
+
+def _no_contact(state: SolvedState, rows: ConstraintRows) -> ModelWarning:
+    """Bodies that do not touch."""
+    distance = np.linalg.norm(rows.separation(state.solution.displacement), axis=1)
+    place, largest, _ = _place_of_largest(rows.prolongation.comm, -distance, rows.position)
+    gap = 0.0 - largest
+    message = (
+        f"no node pair is closed: the bodies do not touch; the smallest distance of points that face each other is "
+        f"{gap:.3g}, in units of the mesh, at {_shown(place)}"
+    )
+    return ModelWarning("no contact", gap, 0.0, place, message)
+
+
+def _initial_overlaps(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+    """Deepest initial overlap at a closed pair, if it is deep against the bodies."""
+    mesh = state.forest.mesh
+    depth = np.where(state.solution.active, np.maximum(-rows.gap, 0.0), 0.0)
+    more = np.column_stack([rows.normal, rows.bodies])
+    place, value, (*normal, first, second) = _place_of_largest(rows.prolongation.comm, depth, rows.position, more)
+    corners, bodies = mesh.points[mesh.corners], [int(body) for body in (first, second) if body >= 0]
+    extents = [float(np.ptp(corners[mesh.body == body] @ normal)) for body in bodies]
+    thinner = int(extents[-1] < (1 - _SAME) * extents[0])
+    name, extent = mesh.bodies[bodies[thinner]], extents[thinner]
+    if not value > INITIAL_OVERLAP * extent:
+        return []
+    message = (
+        f"bodies penetrate each other by {value:.3g} before anything moves, {value / extent:.0%} of the extent of "
+        f"{name!r} along the normal, at {_shown(place)}; limit {INITIAL_OVERLAP * extent:.3g}, in units of the mesh"
+    )
+    return [ModelWarning("initial overlap", value, INITIAL_OVERLAP * extent, place, message)]
+
+
+def _cut_off(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+    """Contacts that reach a rim of the second surface beyond which the boundary of its body goes on smoothly."""
+    forest, warnings = state.forest, []
+    for kind in rows.kinds:
+        surfaces = state.scene.nonmatching.get(kind.index)
+        if surfaces is None or not surfaces.goes_on:
+            continue
+        leaf, face = kind.facets(forest)
+        pressure = rows.at_nodes(kind.index, state.solution.pressure[:, None])
+        mean = pressure[rows.prolongation.space.on_faces(leaf, face), 0].mean(axis=1)
+        leaf, face, mean = leaf[mean > 0], face[mean > 0], mean[mean > 0]
+        facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+        load = mean * np.linalg.norm(facets.mean_outward, axis=1)
+        missed = load * surfaces.cut_off(facets)
+        total, value = forest.comm.allreduce(np.array([load.sum(), missed.sum()]))
+        if value > MISSED * total:
+            place, part = _place_of_largest(forest.comm, missed, facets.corners.mean(axis=1))[0], float(value / total)
+            message = (
+                f"the contact of {kind.contact.label} reaches the rim of {kind.contact.surfaces[1]!r} near "
+                f"{_shown(place)}, beyond which the boundary of the body goes on: it misses about {part:.2g} of the "
+                f"force, limit {MISSED:g}; let the surface be larger"
+            )
+            warnings.append(ModelWarning("uncovered", part, MISSED, place, message))
+    return warnings
+
+
+def _oblique(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+    """Contacts whose force is summed along a direction that is not that of their resultant."""
+    scene, warnings = state.scene, list[ModelWarning]()
+    if scene.mirrors.parts < scene.symmetry:  # the resultant of the whole is not known
+        return warnings
+    count, forces = len(scene.contact), state.solution.force[:, None] * rows.normal
+    own = np.stack([np.bincount(rows.contact, column, count) for column in forces.T], axis=1)
+    total = scene.mirrors.force(rows.prolongation.comm.allreduce(own))
+    for index, pair in enumerate(scene.contact):
+        x, y, z = force = total[index]
+        size, direction = float(np.linalg.norm(force)), pair.unit_direction
+        if direction is None or pair.obstacle is not None or not size:
+            continue
+        missed = 1 - float(direction @ force) / size
+        if missed > MISSED:
+            message = (
+                f"the force of {pair.label} is its component along `direction`, {percent(missed)} less than the "
+                f"resultant {_shown((x, y, z))}; limit {MISSED:.0%}; leave `direction` away, or "
+                "turn it along the resultant"
+            )
+            warnings.append(ModelWarning("oblique direction", missed, MISSED, pair.name, message))
+    return warnings
+
+
+def _uncovered_ties(scene: Scene) -> list[ModelWarning]:
+    """Ties of which a large part of the smaller surface faces nothing."""
+    ties = {i: surfaces.uncovered for i, surfaces in scene.nonmatching.items() if i >= len(scene.contact)}
+    message = "{}: {:.0%} of the area of {!r} faces nothing and is free, limit {:.0%}; name what is glued"
+    return [
+        ModelWarning(
+            "uncovered", part, UNCOVERED, name, message.format(scene.interfaces[index].label, part, name, UNCOVERED)
+        )
+        for index, (part, name) in ties.items()
+        if part > UNCOVERED
+    ]
+
+
+def _unresolved_loads(state: SolvedState, load_totals: FloatArray) -> list[ModelWarning]:
+    """Loads that are functions with features inside leaves."""
+    scene = state.scene
+    loads, warnings = (*scene.tractions, *scene.body_forces), list[ModelWarning]()
+    part = "" if scene.symmetry == 1 else ", the modelled part"
+    if not any(callable(force.value) for force in loads):
+        return warnings
+    sums = np.column_stack([load_totals[:, :, :3].sum(axis=1), finer_totals(scene, state.elasticity)])
+    state.forest.comm.Allreduce(MPI.IN_PLACE, sums)
+    for force, (applied, finer, (magnitude,)) in zip(loads, (np.split(row, [3, 6]) for row in sums)):
+        value, limit = float(np.linalg.norm(applied - finer)), float(MISSED * magnitude)
+        if callable(force.value) and value > limit:
+            total, known = np.linalg.norm(applied), np.linalg.norm(finer)
+            message = (
+                f"{force.what} has a total of {total:.4g} on this mesh{part}, and of {known:.4g} by a finer rule of "
+                f"integration, which may be wrong too: they differ by {value:.3g}, limit {limit:.3g}; refine where it "
+                "varies, or let cells end where it jumps"
+            )
+            place = force.body if isinstance(force, BodyForce) else force.surface
+            warnings.append(ModelWarning("unresolved load", value, limit, place, message))
+    return warnings
+
+
+def _place_of_largest(
+    comm: MPI.Intracomm, values: FloatArray, positions: FloatArray, more: FloatArray | None = None
+) -> tuple[Point, float, list[float]]:
+    """Place of the largest value (n,) of all ranks, the first by its coordinates: position, value, row of `more`."""
+    largest = comm.allreduce(float(values.max(initial=-np.inf)), op=MPI.MAX)
+    size = comm.allreduce(float(np.abs(positions).max(initial=0.0)), op=MPI.MAX)
+    near = np.flatnonzero(values >= largest - _SAME * max(abs(largest), _SAME * size))
+    rows = np.column_stack([positions] + ([] if more is None else [more]))[near]
+    rows = rows[np.lexsort(rows.T[2::-1])][:1].tolist()
+    first = min(row for one in comm.allgather(rows) for row in one)
+    return tuple(first[:3]), largest, first[3:]
+
+
+def _shown(place: Point) -> str:
+    """A point for messages, without rounding."""
+    least = _SAME * max(map(abs, place))
+    return f"({', '.join(f'{x if abs(x) > least else 0:.4g}' for x in place)})"

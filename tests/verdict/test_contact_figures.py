@@ -1,0 +1,82 @@
+"""Figures of contact that all ranks have together, from node pairs made up; one rank may have none."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import WORLD
+from model_problems import side_by_side
+
+from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.scenes import patch
+from fx_contact.verdict.contact_figures import figures_of_contact
+
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
+
+@pytest.mark.parametrize("idle", [False, True])
+def test_figures_of_all_ranks(idle):
+    """Forces and counts add up over ranks and by pair; pressure and penetration are the largest of all."""
+    most = max(WORLD.size - idle, 1)
+    each = 0 if WORLD.rank == most else 2
+    number = np.arange(2 * WORLD.rank, 2 * WORLD.rank + each)
+    rows = SimpleNamespace(
+        contact=number % 2,
+        normal=np.tile([0.0, 0.6, 0.8], (each, 1)),
+        position=np.stack([number, 0 * number, 0 * number + 5.0], axis=1).astype(float),
+        area=np.full(each, 0.5),
+        gap=0.1 * number,
+        kinds=[SimpleNamespace(contact=contact, index=index) for index, contact in enumerate(side_by_side().contact)],
+    )
+    rows.force_components = lambda force: ConstraintRows.force_components(rows, force)
+    solution = SimpleNamespace(
+        force=1.0 + number, active=number > 0, pressure=2.0 + number, penetration=0.01 * (1.0 + number)
+    )
+    found = figures_of_contact(side_by_side(), rows, solution, WORLD)
+    n = 2 * most
+    force = 1.0 + np.arange(n)
+    assert found.active_pairs == n - 1
+    assert np.allclose(found.pair_forces, 0.8 * np.array([force[::2].sum(), force[1::2].sum()]))
+    assert np.isclose(found.force, 0.8 * force.sum()) and np.allclose(found.pair_alignments, 1.0)
+    assert np.allclose(found.contact_centre, [force @ np.arange(n) / force.sum(), 0.0, 5.0])
+    assert np.isclose(found.max_pressure, 1.0 + n) and np.isclose(found.max_penetration, 0.01 * n)
+    assert found.contact_radius is None, "two contact pairs"
+
+
+@pytest.mark.parametrize("power, is_hertz", [(2, True), (1.5, True), (1, False), (3, False), (4, False), (0, False)])
+@pytest.mark.parametrize("apart", [0.0, 1e3])
+def test_radius(power, is_hertz, apart):
+    """Forces of Hertz's pressure have its radius where the gap grows quadratically, or nearly so, however far apart."""
+    found = of_quarter(np.linspace(0.025, 0.475, 10), lambda r: apart + 0.3 * r**power)
+    assert found.active_pairs == 80 and found.force == pytest.approx(4 * 2 / 3 * np.pi / 4 * 0.25, rel=0.01)
+    assert found.contact_radius == (pytest.approx(0.5, rel=0.01) if is_hertz else None)
+    hollow = of_quarter(np.linspace(0.025, 0.475, 10), lambda r: apart - 0.3 * r**power)
+    assert hollow.contact_radius is None
+
+
+@pytest.mark.parametrize("r, radius", [([], 0.0), ([0.0], None)])
+def test_no_radius(r, radius):
+    """Without contact it is 0; a single closed pair has a force and no radius."""
+    found = of_quarter(np.array(r), lambda r: r**2)
+    assert found.contact_radius == radius and (found.force > 0) == bool(r)
+
+
+def of_quarter(r, gap):
+    """Figures of a quarter with Hertz's pressure on a circle of radius 0.5, at distances r; all on the first rank."""
+    r = r if WORLD.rank == 0 else r[:0]
+    angle = np.tile(np.linspace(0, np.pi / 2, 8 if len(r) > 1 else len(r)), len(r))
+    r = np.repeat(r, 8 if len(r) > 1 else len(r))
+    ring = 0.05 * np.maximum(r, 0.025) * np.pi / 2 / 8
+    rows = SimpleNamespace(
+        contact=np.zeros(len(r), dtype=int),
+        normal=np.tile([0.0, 0.0, 1.0], (len(r), 1)),
+        position=np.stack([r * np.cos(angle), r * np.sin(angle), np.ones(len(r))], axis=1),
+        area=ring,
+        gap=gap(r),
+        force_components=lambda force: force,
+    )
+    pressure = np.sqrt(1 - (r / 0.5) ** 2)
+    solution = SimpleNamespace(
+        force=pressure * ring, active=np.ones(len(r), bool), pressure=pressure, penetration=pressure
+    )
+    return figures_of_contact(patch(cells=(1, 1, 2)), rows, solution, WORLD)
