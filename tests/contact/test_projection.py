@@ -47,9 +47,8 @@ def test_projection(contact, distribution):
     number = prolongation.index_map.local_to_global(pairs.entries.node.astype(np.int32)).reshape(-1, 2)
     shared = any(len(np.unique(column)) < len(column) for column in gathered(WORLD, number).T)
     assert shared == (contact == "a corner, two pairs"), "not the scene it should be"
-    projection = Projection(jump)
     active = noisy(len(pairs), 5) > 0
-    projection.close(active)
+    projection = Projection(jump).of(jump, active)
     everywhere((projection.closed == active & jump.movable).all(), "other pairs are closed")
 
     x, y = noisy((prolongation.owned, 3), 1), noisy((prolongation.owned, 3), 2)
@@ -77,8 +76,7 @@ def test_the_softer_body_follows_the_stiffer():
     forest = grown(roots(scene), 2, share=0.2)
     _, pairs, supports = with_rows(scene, forest)
     jump, prolongation = Jump(pairs, supports), pairs.prolongation
-    projection = Projection(jump.with_gap(np.full(len(pairs), 0.05)))
-    projection.close(np.ones(len(pairs), dtype=bool))
+    projection = Projection(jump).of(jump.with_gap(np.full(len(pairs), 0.05)), np.ones(len(pairs), dtype=bool))
     u = prolongation.ghosted(projection.onto_closed(np.zeros((prolongation.owned, 3))))
     assert WORLD.allreduce(len(pairs)) > 9
     everywhere(np.allclose(u[pairs.first], [0.0, 0.0, 0.01], atol=1e-15), "the stiffer one goes another way")
@@ -104,8 +102,7 @@ def test_bonded_parts_meshed_apart(kind):
     scene = bonded(kind, 3)
     _, rows, supports = with_rows(scene, grown(roots(scene), 1))
     jump, prolongation = Jump(rows, supports), rows.prolongation
-    projection = Projection(jump)
-    projection.close(np.ones(len(rows), dtype=bool))
+    projection = Projection(jump).of(jump, np.ones(len(rows), dtype=bool))
     x, y = (noisy((prolongation.owned, 3), salt) for salt in (1, 2))
     projected, transposed = x.copy(), y.copy()
     projection.apply(projected)

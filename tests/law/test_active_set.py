@@ -8,23 +8,25 @@ import pytest
 from conftest import WORLD, everywhere
 from mpi4py import MPI
 
-from fx_contact.law.active_set import ActiveSet
+from fx_contact.contact.constraint_rows import Role
+from fx_contact.law.unilateral import Unilateral
 from fx_contact.parallel.errors import SolveError
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
 
 def active_set(penetration, largest=0.0, comm=MPI.COMM_SELF, most=100, tied=None):
-    """An ActiveSet of pairs with these penetrations at first, numbered rank by rank; the largest displacement."""
+    """The status of pairs with these penetrations at first, numbered rank by rank; the largest displacement."""
     size = len(penetration)
     rows = SimpleNamespace(
         prolongation=SimpleNamespace(comm=comm),
         penetration=lambda u: np.array(penetration, dtype=float),
         capped_stiffness=np.ones(size),
         key=comm.rank * size + np.arange(size),
-        equality=np.zeros(size, dtype=bool) if tied is None else np.array(tied),
+        role=np.full(size, Role.NORMAL) if tied is None else np.where(tied, Role.EQUATION, Role.NORMAL),
+        kinds=(),
     )
-    return ActiveSet(rows, None, np.full((size, 3), largest), most)
+    return Unilateral(rows, None, np.full((size, 3), largest), most)
 
 
 def test_first_guess():

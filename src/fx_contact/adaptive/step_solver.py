@@ -10,7 +10,7 @@ from mpi4py import MPI
 from fx_contact.adaptive.settings import GEOMETRY_SHARE, Settings
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord, record_of_solve
-from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.row_kinds import columns_at_rest, create_rows
@@ -241,8 +241,8 @@ def _estimate(
     least = settings.tolerance * elasticity.restraint_norm()
     error = estimator.error(field, 0.0 if touches else RIGID * solution.rounding, least=least)
     every = solution.rows
-    rows = None if every is None or not scene.contact else every.part(ties=False)
-    ties = None if every is None or len(scene.interfaces) == len(scene.contact) else every.part(ties=True)
+    rows = None if every is None or not scene.contact else every.part(Role.NORMAL)
+    ties = None if every is None or len(scene.interfaces) == len(scene.contact) else every.part(Role.EQUATION)
     state = SolvedState(scene, forest, elasticity, field, rows, ties, solution, error.estimate)
     if rows is not None:
         state = replace(state, estimate=replace(error.estimate, at_edge=cells_at_edge(state)))

@@ -1,12 +1,14 @@
-"""The constraint operator B: sparse rows, each with a gap D, an area and a stiffness.  Contact is B u <= D.
+"""The constraint operator B: sparse rows, each with a role, a direction, a gap D, an area and a stiffness.
 
 A row belongs to a node of the first contact surface, as a nodal multiplier, and has entries at any number of nodes of
-both surfaces, or of the first alone.  A `RowKind` makes the rows of a contact (`row_kinds`).  Ties have the same rows
-along each axis, as equations: B u = 0.
+both surfaces, or of the first alone.  A `RowKind` makes the rows of a contact (`row_kinds`).  The rows of one node and
+interface have the same entries and are the axes of a frame: normal n and tangents t1, t2 of a contact, x, y, z of a
+tie.  Laws of the rows: `law`.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from functools import cached_property
 from typing import ClassVar, Protocol
 
@@ -17,8 +19,19 @@ from scipy.sparse import csr_matrix
 from fx_contact.contact.enforcement import CAP, Enforcement
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
-from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import FloatArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.scene.scene import Scene
+
+
+class Role(IntEnum):
+    """Role of a row."""
+
+    #: B u <= D along the normal of a contact.
+    NORMAL = 0
+    #: Tangent of a contact, with a law of its own.
+    TANGENT = 1
+    #: B u = D along an axis of a tie or of a motion.
+    EQUATION = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +71,12 @@ class KeyedEntries:
 
 @dataclass(frozen=True, eq=False)
 class RowColumns:
-    """Rows of one contact, each on one rank; as in `ConstraintRows`.
+    """Rows of one contact along one axis of their frames, each on one rank; as in `ConstraintRows`.
 
     Attributes:
-        across: (n, 3), the sum of the surfaces' normals times areas, out of the first body [m^2].
+        across: (n, 3), the sum of the surfaces' normals times areas, out of the first body; of other axes than the
+            normal these axes times areas [m^2].
+        role, axis: of all rows.
     """
 
     first: Int64Array
@@ -73,11 +88,13 @@ class RowColumns:
     modulus: FloatArray
     position: FloatArray
     bodies: Int32Array
+    role: Role = Role.NORMAL
+    axis: int = 0
 
-    def along(self, axis: int) -> "RowColumns":
-        """The rows of a tie along an axis: without gap.  Local."""
-        across = self.area[:, None] * np.eye(3)[axis]
-        return replace(self, across=across, apart=np.zeros_like(self.apart))
+    def along(self, direction: FloatArray, role: Role, axis: int) -> "RowColumns":
+        """The rows along other unit vectors, (3,) or (n, 3), without gap.  Local."""
+        across = self.area[:, None] * direction
+        return replace(self, across=across, apart=np.zeros_like(self.apart), role=role, axis=axis)
 
 
 class PressureCorrection(Protocol):
@@ -117,7 +134,7 @@ class RowKind(ABC):
     def tie_columns(self, prolongation: Prolongation, enforcement: Enforcement) -> list[RowColumns]:
         """The rows of a tie along x, y and z.  Collective."""
         columns = self.columns(prolongation, enforcement)
-        return [columns.along(axis) for axis in range(3)]
+        return [columns.along(np.eye(3)[axis], Role.EQUATION, axis) for axis in range(3)]
 
     @abstractmethod
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
@@ -148,9 +165,10 @@ class ConstraintRows:
         kinds: of each contact of the scene, then of its ties.
         first: (n,), the node of each row on the first surface, position in the prolongation's index map.
         entries: B u = n . [u].
-        normal: (n, 3), n, from the first body to the second, the mean of both surfaces' unit normals.
+        normal: (n, 3), direction n of the row: from the first body to the second, the mean of both surfaces' unit
+            normals, or another axis of the frame.
         apart: (n, 3), vector from the first side to the second with the weights of the row, undeformed, and the
-            clearance along the normal [m].
+            clearance along the normal; 0 in other directions than the normal [m].
         gap: (n,), D, initial distance along the normal on the true curved geometry, and the clearance [m].
         area: (n,), tributary area [m^2].
         node_area: (n,), sum of the areas of all rows with the same `first` [m^2].
@@ -159,7 +177,8 @@ class ConstraintRows:
         position: (n, 3), undeformed position on the first surface [m].
         bodies: (n, 2), first and second body, positions in the root mesh's `bodies`; -1: an obstacle.
         contact: (n,), index of the contact or tie among `Scene.interfaces`, ascending.
-        equality: (n,), rows of ties: always closed, with forces of either sign.
+        role: (n,), `Role` of each row.
+        axis: (n,), number of the axis in the frame: n, t1, t2 of a contact, x, y, z of a tie.
         symmetry: number of copies of the modelled part in the bodies.
     """
 
@@ -177,21 +196,30 @@ class ConstraintRows:
     position: FloatArray
     bodies: Int32Array
     contact: Int32Array
-    equality: BoolArray
+    role: Int8Array
+    axis: Int8Array
     symmetry: int
 
     def __len__(self) -> int:
         return len(self.first)
 
-    def part(self, ties: bool) -> "ConstraintRows":
-        """The rows and kinds of ties, or those of contacts.  Local."""
-        kinds, some = (tuple(kind for kind in self.kinds if kind.contact.EQUALITY == ties), self.equality == ties)
-        if len(kinds) == len(self.kinds):
+    def part(self, role: Role) -> "ConstraintRows":
+        """The rows of a role, and the kinds of ties or of contacts.  Local."""
+        kinds = tuple(kind for kind in self.kinds if kind.contact.EQUALITY == (role == Role.EQUATION))
+        some = self.role == role
+        if len(kinds) == len(self.kinds) and some.all():
             return self
-        row, columns = self.entries.row, {name: getattr(self, name)[some] for name in _OF_ROWS}
-        number, kept = np.cumsum(some) - 1, some[row]
-        entries = (self.entries.node[kept], self.entries.side[kept], self.entries.weight[kept])
-        return replace(self, kinds=kinds, entries=Entries(number[row[kept]], *entries), **columns)
+        return replace(self.taken(np.flatnonzero(some)), kinds=kinds)
+
+    def taken(self, rows: IntArray) -> "ConstraintRows":
+        """Some of the rows (m,) by number, in this order, perhaps more than once.  Local."""
+        entries, count = self.entries, np.bincount(self.entries.row, minlength=len(self))
+        first, each = np.cumsum(count) - count, count[rows]
+        start = np.cumsum(each) - each
+        some = np.arange(each.sum()) + np.repeat(first[rows] - start, each)
+        row = np.repeat(np.arange(len(rows)), each)
+        kept = Entries(row, entries.node[some], entries.side[some], entries.weight[some])
+        return replace(self, entries=kept, **{name: getattr(self, name)[rows] for name in _OF_ROWS})
 
     @cached_property
     def values(self) -> FloatArray:
@@ -201,9 +229,8 @@ class ConstraintRows:
     @property
     def key(self) -> Int64Array:
         """(n,), unique number of each row, on all ranks.  Local."""
-        axis = np.where(self.equality, self.normal.argmax(axis=1), 0)
         node: Int64Array = self.prolongation.index_map.local_to_global(self.first.astype(np.int32))
-        return node << 32 | self.contact << 2 | axis
+        return node << 32 | self.contact << 2 | self.axis
 
     @property
     def node_keys(self) -> Int64Array:
@@ -344,5 +371,5 @@ class ConstraintRows:
 #: Columns of `ConstraintRows` with an entry for each row.
 _OF_ROWS = (
     *("first", "normal", "apart", "gap", "area", "node_area", "stiffness", "modulus", "position", "bodies"),
-    *("contact", "equality"),
+    *("contact", "role", "axis"),
 )

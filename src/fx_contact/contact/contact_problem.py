@@ -30,6 +30,7 @@ class ContactProblem:
         scene: to move its bodies into contact, and to find unconstrained bodies of an active set; None: neither.
         coarse: level below the matrix, for p-multigrid.
         volume: term of nearly incompressible bodies beside the matrix.
+        before: (owned, 3), displacement after the load step before, from which tangents slip [m]; None: 0.
         rows_at: the rows after unknown motions, as of `Scene.approached`; collective.  None: there are none.
     """
 
@@ -41,6 +42,7 @@ class ContactProblem:
     scene: Scene | None = None
     coarse: CoarseLevel | None = None
     volume: VolumeTerm | None = None
+    before: FloatArray | None = None
     rows_at: Callable[[Sequence[float | None]], ConstraintRows] | None = None
 
     def linear_solver(self, solver: Solver, objects: PetscObjects) -> LinearSolver:

@@ -1,22 +1,52 @@
-"""The linear system of an active set, whose preconditioner outlives changes of the set."""
+"""The linear system of rows with springs and forces, whose preconditioner outlives changes of their status."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.contact.constraint_rows import Role
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.jump import Jump
-from fx_contact.contact.penalty_term import PenaltyTerm
+from fx_contact.contact.penalty_term import MatrixPenalty, PenaltyTerm
 from fx_contact.contact.projection import Projection
-from fx_contact.linalg.operator import Equations, Sum
+from fx_contact.linalg.operator import Equations
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.mpi import any_true
 from fx_contact.parallel.timing import Stages
 
 #: Errors of penetrations and gaps of closed rows: of the linear solver, relative to the approach (100 times its
 #: default tolerance); by rounding, relative to the largest displacement (1e4 times that of a double).
 _OF_APPROACH, _OF_DISPLACEMENT = 1e-6, 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Springs:
+    """Forces f = k (B u - D - s) + g of the rows (n,) in a linear system, compression positive.
+
+    Attributes:
+        stiffness: k, inf for B u = D + s, 0 of open rows [N/m].
+        shift: s; None on all ranks: 0 [m].
+        force: g, also where k is 0; None on all ranks: 0 [N].
+    """
+
+    stiffness: FloatArray
+    shift: FloatArray | None = None
+    force: FloatArray | None = None
+
+    @property
+    def closed(self) -> BoolArray:
+        """(n,), rows with a spring or an equation."""
+        return np.asarray(self.stiffness > 0)
+
+    def __add__(self, other: "Springs") -> "Springs":
+        """Both together, each in rows of its own."""
+        both = ((self.shift, other.shift), (self.force, other.force))
+        shift, force = (b if a is None else a if b is None else a + b for a, b in both)
+        return Springs(self.stiffness + other.stiffness, shift, force)
 
 
 class LinearSystem:
@@ -45,25 +75,26 @@ class LinearSystem:
 
 
 class ContactSystem:
-    """K u + B^T f = L of the closed rows: displacements, forces, and dual solutions.
+    """K u + B^T f = L with `Springs` in the rows: displacements, forces, and dual solutions.
 
-    In exact contact a projection constrains all closed rows, else those stiffer than the factor `CAP`.  The matrix has
-    the capped penalty term of an active set; the difference to the operator is applied matrix-free.
+    A projection constrains rows that are rigid or stiffer than `ConstraintRows.capped_stiffness`, k_c; the latter yield
+    in it.  The matrix has the springs of an earlier status, up to k_c (`MatrixPenalty`); rigid rows have k_c beside
+    their constraint, which changes nothing but rounding.
 
     Collective.
 
     Args:
-        problem: its matrix has the capped penalty term of `active`.
+        problem: its matrix has the penalty k_c of `active`.
         load: (owned, 3), right-hand side without contact [N].
         active: (n,), closed rows.
         objects: free the system, which owns the matrix.
 
     Attributes:
-        solver: of K with the capped penalty term.
-        exact: closed rows do not yield.
+        solver: of K with the penalty in the matrix.
+        jump: of the present rows.
+        springs: of the last solve.
         movable: (n,), as of `Jump`.
-        equality: (n,), as of the rows.
-        capped_stiffness, stiffness: (n,), k of closed rows in the preconditioner and of their enforcement [N/m].
+        capped_stiffness: (n,), k_c [N/m].
         energy_norm, comm: as of the problem.
     """
 
@@ -77,126 +108,95 @@ class ContactSystem:
         stages: Stages,
         objects: PetscObjects,
     ) -> None:
-        self._load, self._jump, self._stages, self._rows = load, jump, stages, jump.rows
-        self._supports, self.energy_norm = problem.supports, problem.energy_norm
-        self._options, self.comm, self._coarse = options.solver, problem.matrix.comm, problem.coarse
-        self.capped_stiffness, self.movable = self._rows.capped_stiffness, jump.movable
-        self.equality = self._rows.equality
+        self._load, self._stages, self._options = load, stages, options.solver
         self.exact = options.enforcement.method == "exact"
-        self.stiffness = self.capped_stiffness if self.exact else self._rows.stiffness
-        self._projected = np.ones_like(active) if self.exact else self.stiffness > self.capped_stiffness
-        self._projection = self._projection_of(jump)
-        self._nearest = Projection(jump)  # of all closed rows, however they are enforced
-        if self._coarse is not None:
-            self._coarse.couple(jump.matrix.distributed())
-        self.solver = problem.linear_solver(self._options, objects)
-        self._active = active  # of the last solve
-        self._in_matrix, self._jump_in_matrix = active * self.capped_stiffness, jump  # penalty term in the matrix
+        self._supports, self.energy_norm, self.comm = problem.supports, problem.energy_norm, problem.matrix.comm
+        self.jump, self.movable, self.capped_stiffness = jump, jump.movable, jump.rows.capped_stiffness
+        if problem.coarse is not None:
+            problem.coarse.couple(jump.matrix.distributed())
+        self.solver = problem.linear_solver(options.solver, objects)
+        self._projector = Projection(jump)
+        self._in_matrix = MatrixPenalty(self.solver, problem.coarse, jump, active * self.capped_stiffness)
         self._is_set_up = False
         self._energy = 0.0  # of the last solution, twice [J]
 
     def exchange_rows(self, jump: Jump) -> None:
-        """Go on with rows of the same nodes with other normals and gaps; the preconditioner keeps the former ones."""
-        self._jump, self._rows = jump, jump.rows
-        self._projection, self._nearest = self._projection_of(jump), Projection(jump)
+        """Go on with rows of the same nodes with other directions and gaps."""
+        self.jump, self._projector = jump, Projection(jump)
 
-    def _projection_of(self, jump: Jump) -> Projection | None:
-        """Projection of the projected rows, if any."""
-        if self.exact:
-            return Projection(jump)
-        return Projection(jump, self.stiffness) if self._any(self._projected) else None
+    def solve(self, springs: Springs, u: FloatArray, tolerance: float, anew: bool = False) -> FloatArray:
+        """The displacement for springs in the rows, from a first guess, both (owned, 3) [m].
 
-    def _equations(
-        self, jump: Jump, load: FloatArray, stiffness: FloatArray, projection: Projection | None
-    ) -> Equations:
-        """Equations of the active set with a penalty of the closed rows."""
-        if self._jump_in_matrix is not self._jump:
-            former = self._jump_in_matrix.with_gap(np.zeros_like(jump.gap))
-            terms = PenaltyTerm(jump, self._active * stiffness), PenaltyTerm(former, -self._in_matrix)
-            return Equations(load, Sum(terms), projection)
-        difference = self._active * stiffness - self._in_matrix
-        term = PenaltyTerm(jump, difference) if self._any(difference) else None
-        return Equations(load + PenaltyTerm(jump, self._in_matrix).load(), term, projection)
+        Args:
+            anew: the preconditioner is made for these springs alone.
 
-    def solve(self, active: BoolArray, u: FloatArray, tolerance: float) -> FloatArray:
-        """The displacement for closed rows (n,), from a first guess, both (owned, 3) [m].  Raises SolveError."""
-        late = tolerance <= self._options.tolerance and self._disturbs(active)
-        if not self._is_set_up or late or self.solver.is_slow:
-            self._set_up(active * self.capped_stiffness)
+        Raises:
+            SolveError: as `LinearSolver.solve`, or as `Projection`.
+        """
+        late = tolerance <= self._options.tolerance and self._disturbs(springs)
+        if anew or late or not self._is_set_up or self.solver.is_slow:
+            self._set_up(springs)
         with self._stages("system"):
-            self._active = active
-            if not self._any(self._load) and not self._any(active & (self._jump.gap != 0)):
+            self.springs = springs
+            self._shifted = self.jump if springs.shift is None else self.jump.shifted(springs.shift)
+            force = 0.0 if springs.force is None else self.jump.transposed(springs.force)
+            self._forced = self._load - force
+            self._projection = self._projection_of(self._shifted)
+            if not any_true(self.comm, np.append(self._forced != 0, springs.closed & (self._shifted.gap != 0))):
                 u = np.zeros_like(u)  # the solution; PCG's tolerance is relative to its energy, 0
-            self._nearest.close(active)
-            if self._projection is not None:
-                self._projection.close(active & self._projected)
-                u = self._projection.onto_closed(u)
+            u = self._projection.onto_closed(u)
         try:
-            return self._solved(u, tolerance)
+            u = self._solved(u, tolerance)
         except SolveError:
-            others = self._jump_in_matrix is not self._jump
-            if not (others or self._any(self._in_matrix != active * self.capped_stiffness)):
+            if not self._in_matrix.differs(self.jump, self._capped(springs)):
                 raise
-        # The preconditioner of another active set may fail, as in slender bodies where 20 closed rows become 340.
-        self._set_up(active * self.capped_stiffness)
-        return self._solved(u, tolerance)
+            # The preconditioner of another status may fail, as in slender bodies where 20 closed rows become 340.
+            self._set_up(springs)
+            u = self._solved(u, tolerance)
+        self._is_set_up = not anew
+        return u
+
+    def _projection_of(self, jump: Jump) -> Projection:
+        """Projection of the rows stiffer than k_c, for the last springs and another jump."""
+        stiffness = self.springs.stiffness
+        return self._projector.of(jump, stiffness > self.capped_stiffness, stiffness)
 
     def _solved(self, u: FloatArray, tolerance: float) -> FloatArray:
-        """The displacement for the active set, by the present preconditioner."""
+        """The displacement for the last springs, by the present preconditioner."""
         with self._stages("system"):
-            equations = self._equations(self._jump, self._load, self.stiffness, self._projection)
+            equations = self._in_matrix.equations(
+                self._shifted, self._forced, self._finite(self.springs), self._projection
+            )
         with self._stages("solve"):
             u = self._supports.tangential(self.solver.solve(equations, u, tolerance))
             self._energy = self.energy_norm(u) ** 2
         return u
 
-    def solve_springs(
-        self, stiffness: FloatArray, shift: FloatArray, u: FloatArray, tolerance: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Displacement (owned, 3) [m] and forces f = k (B u - D) (n,) [N] of springs in all rows, from a first guess.
+    def _capped(self, springs: Springs) -> FloatArray:
+        """(n,), springs in the matrix [N/m]."""
+        return np.minimum(springs.stiffness, self.capped_stiffness)
 
-        Args:
-            stiffness: (n,), k > 0 [N/m].
-            shift: (n,), D less the gap of the rows [m].
+    def _finite(self, springs: Springs) -> FloatArray:
+        """(n,), springs in the operator: k_c beside the constraints of rigid rows [N/m]."""
+        return np.where(np.isinf(springs.stiffness), self.capped_stiffness, springs.stiffness)
 
-        Raises:
-            SolveError: as `LinearSolver.solve`, or as `Projection`.
-        """
-        jump, capped = self._jump.shifted(shift), np.minimum(stiffness, self.capped_stiffness)
-        self._set_up(capped)
-        projection, term = Projection(jump, stiffness), PenaltyTerm(jump, capped)
-        projection.close(stiffness > capped)
-        load = self._load + term.load()
-        equations = Equations(load, PenaltyTerm(jump, stiffness - capped), projection)
-        with self._stages("solve"):
-            u = self._supports.tangential(self.solver.solve(equations, projection.onto_closed(u), tolerance))
-        residual = self.solver.residual(Equations(load, None, projection), u)
-        self._is_set_up = False
-        return u, term.forces(u) + projection.apply_transpose(residual)
-
-    def _set_up(self, stiffness: FloatArray) -> None:
-        """Build the preconditioner with a penalty term (n,) of all rows [N/m]."""
+    def _set_up(self, springs: Springs) -> None:
+        """Build the preconditioner for springs in the rows."""
         with self._stages("setup"):
-            if self._jump_in_matrix is not self._jump:
-                PenaltyTerm(self._jump_in_matrix, -self._in_matrix).add_to(self.solver.matrix)
-                self._in_matrix, self._jump_in_matrix = np.zeros_like(stiffness), self._jump
-                if self._coarse is not None:
-                    self._coarse.set_penalty(self._in_matrix)
-                    self._coarse.couple(self._jump.matrix.distributed())
-            PenaltyTerm(self._jump, stiffness - self._in_matrix).add_to(self.solver.matrix)
-            if self._coarse is not None:
-                self._coarse.set_penalty(stiffness)
+            self._in_matrix.replace(self.jump, self._capped(springs))
             self.solver.set_up()
-        self._in_matrix, self._is_set_up = stiffness, True
+        self._is_set_up = True
 
-    def _disturbs(self, active: BoolArray) -> bool:
+    def _disturbs(self, springs: Springs) -> bool:
         """True if rows without projection have another status in the preconditioner: outliers of the spectrum."""
-        return self._any((self._in_matrix != active * self.capped_stiffness) & ~(active & self._projected))
+        capped = self._capped(springs)
+        free = springs.stiffness <= self.capped_stiffness
+        return any_true(self.comm, (self._in_matrix.stiffness != capped) & free)
 
     def dual(
         self, load: FloatArray, penetration: FloatArray, tolerance: float, z: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Dual solution z (owned, 3) [m] of K z + B^T f = l, B z = d on the closed rows, and their forces f (n,) [N].
+        """Dual solution z (owned, 3) [m] of K z + B^T f = l, f = k (B z - d) on the last springs, and f (n,) [N].
 
         Args:
             load: (owned, 3), l, without constrained components [N].
@@ -207,53 +207,52 @@ class ContactSystem:
         Raises:
             SolveError: as `LinearSolver.solve`, or as `Projection`.
         """
-        jump, load = self._jump.with_gap(penetration), self._supports.free_part(load)
-        guess = np.zeros_like(load) if z is None else z
+        jump, load = self.jump.with_gap(penetration), self._supports.free_part(load)
         projection = self._projection_of(jump)
-        if projection is not None:
-            projection.close(self._active & self._projected)
-            guess = projection.onto_closed(guess)
-        equations = self._equations(jump, load, self.stiffness, projection)
+        guess = projection.onto_closed(np.zeros_like(load) if z is None else z)
+        equations = self._in_matrix.equations(jump, load, self._finite(self.springs), projection)
         z = self.solver.solve(equations, guess, max(tolerance, self._options.tolerance))
-        force = PenaltyTerm(jump, self.capped_stiffness).forces(z)
-        if projection is not None:
-            force += self._projected_forces(jump, load, projection, z)
-        return self._supports.tangential(z), self._active * force
+        force = self._capped(self.springs) * jump.penetration(z) + self._projected_forces(jump, load, projection, z)
+        return self._supports.tangential(z), force
 
     def _projected_forces(self, jump: Jump, load: FloatArray, projection: Projection, u: FloatArray) -> FloatArray:
-        """Forces (n,) [N] of projected rows beside the capped penalty, which balance the residual."""
-        residual = self.solver.residual(self._equations(jump, load, self.capped_stiffness, projection), u)
-        return projection.apply_transpose(residual)
+        """Forces (n,) [N] of projected rows beside their springs up to k_c, which balance the residual."""
+        equations = self._in_matrix.equations(jump, load, self._capped(self.springs), projection)
+        return projection.apply_transpose(self.solver.residual(equations, u))
+
+    def forces(self, u: FloatArray) -> FloatArray:
+        """Forces (n,) [N] of the rows for the last solution u (owned, 3) [m].  Raises SolveError as `Projection`."""
+        springs = self.springs
+        force = PenaltyTerm(self._shifted, self._capped(springs)).forces(u)
+        force += self._projected_forces(self._shifted, self._forced, self._projection, u)
+        return force if springs.force is None else force + springs.force
 
     def trial(self, u: FloatArray) -> FloatArray:
-        """Forces (n,) of closed rows, and k (B u - D) of open ones, for the last solution u (owned, 3) [m].
+        """Forces (n,) of closed rows, and k_c (B u - D) of open ones, for the last solution u (owned, 3) [m].
 
-        Projected rows that other rows keep from closing count as open, except those of ties.  Raises SolveError as
-        `Projection`.
-        """
-        force = PenaltyTerm(self._jump, self.capped_stiffness).forces(u)
-        if self._projection is None:
-            return force
-        projected = force + self._projected_forces(self._jump, self._load, self._projection, u)
-        penetration = self._rows.penetration(self._nearest.onto_closed(u))
-        closed = self._projection.closed & (self.equality | (penetration >= -self._rounding(projected, u)))
-        return np.where(closed, projected, force)
-
-    def check_apart(self, trial: FloatArray, u: FloatArray) -> None:
-        """Check that prescribed displacements do not force closed rows to penetrate, by `trial` forces of a solution u.
+        Normals that remain open after the projection, because other constraints determine them, count as open.
 
         Raises:
-            SolveError: the nearest displacement with B u = D leaves penetrations, or parts of ties, and no gaps of rows
-                that may open.
+            SolveError: as `Projection`; prescribed displacements force closed rows to penetrate.
         """
-        rounding = self._rounding(trial, u)
-        left = np.where(self._active, self._rows.penetration(self._nearest.onto_closed(u)), 0.0)
-        left = np.where(self.equality, np.abs(left), left)
+        springs, normal = self.springs, self.jump.rows.role == Role.NORMAL
+        held = springs.closed & ((self.jump.rows.role != Role.TANGENT) | np.isinf(springs.stiffness))
+        left = self._shifted.penetration(self._projector.of(self._shifted, held).onto_closed(u))
+        force = self.forces(u)
+        opens = self._projection.closed & normal & (left < -self._rounding(force, u))
+        trial = np.where(springs.closed & ~opens, force, PenaltyTerm(self.jump, self.capped_stiffness).forces(u))
+        self._check_apart(np.where(held, np.where(normal, left, np.abs(left)), 0.0), self._rounding(trial, u))
+        return trial
+
+    def _check_apart(self, left: FloatArray, rounding: float) -> None:
+        """Raises SolveError if the nearest displacement with B u = D leaves penetrations (n,) [m], and no gaps."""
         if self._largest(np.minimum(left, 0.0)) > rounding:
             return
+        rows = self.jump.rows
         worst = int(left.argmax()) if len(left) else 0
-        of_worst = (float(left[worst]), self._rows.position[worst].tolist()) if len(left) else (0.0, [])
-        deepest, place, tied = max(self.comm.allgather((*of_worst, bool(self.equality[worst : worst + 1].any()))))
+        of_worst = (float(left[worst]), rows.position[worst].tolist()) if len(left) else (0.0, [])
+        tied = bool((rows.role != Role.NORMAL)[worst : worst + 1].any())
+        deepest, place, tied = max(self.comm.allgather((*of_worst, tied)))
         if deepest > rounding:
             at = f"at ({', '.join(f'{x:.4g}' for x in place)})"
             if tied:
@@ -268,13 +267,11 @@ class ContactSystem:
 
     def _rounding(self, trial: FloatArray, u: FloatArray) -> float:
         """Bound [m] of the rounding of gaps and penetrations of closed rows; the approach is energy over force."""
-        pressed = self.comm.allreduce(float(np.maximum(trial, 0.0)[self._active & ~self.equality].sum()))
+        normal = self.springs.closed & (self.jump.rows.role == Role.NORMAL)
+        pressed = self.comm.allreduce(float(np.maximum(trial, 0.0)[normal].sum()))
         moved = self._largest(u)
         approach = min(moved, self._energy / pressed) if pressed > 0 else moved
         return max(_OF_APPROACH * approach, _OF_DISPLACEMENT * moved)
-
-    def _any(self, values: BoolArray | FloatArray) -> bool:
-        return bool(self.comm.allreduce(bool(values.any()), op=MPI.LOR))
 
     def _largest(self, values: FloatArray) -> float:
         return float(self.comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX))

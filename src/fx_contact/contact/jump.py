@@ -98,6 +98,17 @@ class Jump:
         """B u - D (n,) [m] with all components of a displacement (owned, 3) [m]."""
         return self.rows.jump(u) - self._full_gap
 
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """The prolongation's comm.  Local."""
+        return self.rows.prolongation.comm
+
+    def transposed(self, force: FloatArray) -> FloatArray:
+        """B^T f of forces (n,) [N] in the free directions: (owned, 3) [N]."""
+        result: FloatArray = np.zeros((self.rows.prolongation.owned, 3))
+        self.matrix.add_transposed(force, result)
+        return result
+
     def shifted(self, shift: FloatArray) -> Jump:
         """Jump with gaps D + shift (n,) [m].  Local."""
         other = copy(self)

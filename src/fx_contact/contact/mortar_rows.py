@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_matrix
 
-from fx_contact.contact.constraint_rows import KeyedEntries, RowColumns, RowKind
+from fx_contact.contact.constraint_rows import KeyedEntries, Role, RowColumns, RowKind
 from fx_contact.contact.contact_facets import moduli, spring_stiffness
 from fx_contact.contact.dual_functions import DualFunctions, MultiplierIntegrals, SegmentIntegrals
 from fx_contact.contact.enforcement import Enforcement
@@ -72,7 +72,8 @@ class MortarRows(RowKind):
         """As `RowKind.tie_columns`, without rows of components that other constraints hold.  Collective."""
         multipliers = self._multipliers(prolongation)
         kept = _not_held(multipliers, prolongation, _tied(self.scene, prolongation, self.index))
-        return [self._columns(prolongation, enforcement, multipliers, kept[:, axis]).along(axis) for axis in range(3)]
+        axes = (self._columns(prolongation, enforcement, multipliers, kept[:, axis]) for axis in range(3))
+        return [columns.along(np.eye(3)[axis], Role.EQUATION, axis) for axis, columns in enumerate(axes)]
 
     def _multipliers(self, prolongation: Prolongation) -> _Multipliers:
         """Of all covered nodes.  Collective."""

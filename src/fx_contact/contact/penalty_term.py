@@ -7,9 +7,12 @@ from petsc4py import PETSc
 from scipy.sparse import bsr_matrix
 
 from fx_contact.contact.jump import Jump
+from fx_contact.linalg.linear_solver import LinearSolver
 from fx_contact.linalg.matrix import add_blocks
-from fx_contact.linalg.operator import Operator
+from fx_contact.linalg.operator import Equations, Operator, Projector, Sum
+from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.parallel.arrays import BoolArray, FloatArray
+from fx_contact.parallel.mpi import any_true
 
 
 class PenaltyTerm(Operator):
@@ -40,9 +43,7 @@ class PenaltyTerm(Operator):
 
     def load(self) -> FloatArray:
         """B^T k D, (owned, 3) [N]."""
-        result: FloatArray = np.zeros((self._jump.rows.prolongation.owned, 3))
-        self._jump.matrix.add_transposed(self._stiffness * self._jump.gap, result)
-        return result
+        return self._jump.transposed(self._stiffness * self._jump.gap)
 
     def forces(self, u: FloatArray) -> FloatArray:
         """k (B u - D) of a displacement (owned, 3) [m]: (n,), compression positive [N]."""
@@ -52,6 +53,48 @@ class PenaltyTerm(Operator):
         """Add the term to a matrix in blocks of 3 that has its entries."""
         _add(mat, self._jump, self._stiffness != 0, self._stiffness)
         mat.assemble()
+
+
+class MatrixPenalty:
+    """The penalty term that a solver's matrix contains, of rows with the directions that they had then.
+
+    Collective on the prolongation's comm.
+
+    Args:
+        coarse: level below the matrix, which gets the same term; None: there is none.
+        stiffness: (n,), k that the matrix contains [N/m].
+    """
+
+    def __init__(self, solver: LinearSolver, coarse: CoarseLevel | None, jump: Jump, stiffness: FloatArray) -> None:
+        self._solver, self._coarse, self._jump, self.stiffness = solver, coarse, jump, stiffness
+
+    def replace(self, jump: Jump, stiffness: FloatArray) -> None:
+        """Exchange the term in the matrix."""
+        if jump.matrix is not self._jump.matrix:
+            PenaltyTerm(self._jump, -self.stiffness).add_to(self._solver.matrix)
+            self.stiffness = np.zeros_like(stiffness)
+            if self._coarse is not None:
+                self._coarse.set_penalty(self.stiffness)
+                self._coarse.couple(jump.matrix.distributed())
+        PenaltyTerm(jump, stiffness - self.stiffness).add_to(self._solver.matrix)
+        if self._coarse is not None:
+            self._coarse.set_penalty(stiffness)
+        self._jump, self.stiffness = jump, stiffness
+
+    def differs(self, jump: Jump, stiffness: FloatArray) -> bool:
+        """True if the matrix contains another term than that of k (n,)."""
+        return jump.matrix is not self._jump.matrix or any_true(jump.comm, self.stiffness != stiffness)
+
+    def equations(self, jump: Jump, load: FloatArray, stiffness: FloatArray, projector: Projector) -> Equations:
+        """Those of K + B^T k B for k (n,), with the term's difference to that of the matrix beside the matrix."""
+        if jump.matrix is not self._jump.matrix:
+            former = self._jump.with_gap(np.zeros_like(jump.gap))
+            return Equations(
+                load, Sum([PenaltyTerm(jump, stiffness), PenaltyTerm(former, -self.stiffness)]), projector
+            )
+        difference = stiffness - self.stiffness
+        term = PenaltyTerm(jump, difference) if any_true(jump.comm, difference != 0) else None
+        return Equations(load + PenaltyTerm(jump, self.stiffness).load(), term, projector)
 
 
 def reserve(mat: PETSc.Mat, jump: Jump) -> None:

@@ -1,5 +1,9 @@
 """The constraint projector: B P = 0 for closed rows."""
 
+from __future__ import annotations
+
+from copy import copy
+
 import numpy as np
 from mpi4py import MPI
 
@@ -7,23 +11,21 @@ from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.jump import Jump, Products
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.mpi import any_true
 
 
 class Projection:
     """P = I - W^-1 B^T (B W^-1 B^T)^-1 B, so that B P = 0 for the closed rows.
 
     W weighs each node by its modulus, and by `RowKind.FOLLOWED`: the softer body follows the stiffer one.  P^T K P is
-    then as well conditioned as K.  The Gram matrix B W^-1 B^T is diagonal if no node is in two rows, or no component in
-    two of ties.  Equal rows share their force by area.
+    then as well conditioned as K.  The Gram matrix B W^-1 B^T is diagonal if no component of a node is in two rows.
+    Equal rows share their force by area.
 
     Collective on the prolongation's comm.
 
-    Args:
-        stiffness: (n,), penalty of closed rows [N/m]; None: they are rigid.
-
     Attributes:
-        closed: (n,), the rows with B P = 0.
-        rigid: closed rows have no penalty.
+        closed: (n,), the rows with B P = 0, none at first.
+        rigid: no closed row is a spring.
 
     Raises:
         SolveError: in all products, if the Gram system is not solved in `_ITERATIONS` iterations.
@@ -35,27 +37,37 @@ class Projection:
     #: Rayleigh quotients of that system, relative to its diagonal, up to which they are the rounding of 0.
     _SINGULAR = 1e-14
 
-    def __init__(self, jump: Jump, stiffness: FloatArray | None = None) -> None:
+    def __init__(self, jump: Jump) -> None:
         rows, entries = jump.rows, jump.rows.entries
-        self._jump, self._comm = jump, rows.prolongation.comm
-        self._compliance = None if stiffness is None else 1 / stiffness
-        self.rigid = stiffness is None
+        self._jump, self._comm = jump, jump.comm
         weighted = jump.values / _weights(rows)[:, None]
         self._weighted = Products(rows, weighted)
         self._diagonal = entries.sums((jump.values * weighted).sum(axis=1), len(rows))
         count = rows.prolongation.zeros(3)
-        touched = ~rows.equality[entries.row, None] | (jump.values != 0)
-        np.add.at(count, entries.node, touched.astype(float))
+        np.add.at(count, entries.node, (jump.values != 0).astype(float))
         most = float(rows.prolongation.summed(count).max(initial=0.0))
         self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
         self._share: FloatArray | float = rows.area / rows.node_area if self._shared else 1.0
-        self.close(np.zeros(len(rows), dtype=bool))
+        self._close(np.zeros(len(rows), dtype=bool), np.ones(len(rows)))
 
-    def close(self, active: BoolArray) -> None:
-        """Set the closed rows, without those whose jump conditions prescribe.  Local."""
+    def of(self, jump: Jump, active: BoolArray, stiffness: FloatArray | None = None) -> Projection:
+        """The projection of active rows (n,), without those whose jump conditions prescribe, onto B u = D of a jump.
+
+        Args:
+            jump: with the same rows, and gaps of its own.
+            stiffness: (n,), springs of the rows, inf of rigid ones [N/m]; None: all are rigid.
+        """
+        other = copy(self)
+        other._jump = jump
+        other._close(active, np.full(len(active), np.inf) if stiffness is None else stiffness)
+        return other
+
+    def _close(self, active: BoolArray, stiffness: FloatArray) -> None:
         self.closed = closed = active & self._jump.movable
         self._inverse = np.divide(1.0, self._diagonal, out=np.zeros(len(closed)), where=closed)
         self._scale = self._inverse * self._share
+        self._compliance = np.divide(1.0, stiffness, out=np.zeros(len(closed)), where=closed)
+        self.rigid = not any_true(self._comm, self._compliance != 0)
 
     def onto_closed(self, u: FloatArray) -> FloatArray:
         """The displacement (owned, 3) [m] nearest to u in the norm of W with B u = D, or least |B u - D|, if closed."""
@@ -75,7 +87,7 @@ class Projection:
 
     def add_yielding(self, forces: FloatArray, u: FloatArray) -> None:
         """u (owned, 3) [m] += the displacement with B u = f / k on closed rows with a penalty."""
-        if self._compliance is not None:
+        if not self.rigid:
             self._weighted.add_transposed(self._solve_gram(self._compliance * forces), u)
 
     def _solve_gram(self, values: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
-from fx_contact.contact.constraint_rows import ConstraintRows, Entries, KeyedEntries, RowColumns, RowKind
+from fx_contact.contact.constraint_rows import ConstraintRows, Entries, KeyedEntries, Role, RowColumns, RowKind
 from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
 from fx_contact.contact.mortar_rows import MortarRows
 from fx_contact.contact.node_pairs import NodePairs
@@ -95,6 +95,9 @@ def create_rows(
     keyed = _joined([part.entries for part in parts], counts)
     prolongation = prolongation.reaching(keyed.key)
     contact = np.repeat(of, counts)
+    role, axis = (
+        np.repeat([getattr(part, name) for part in parts], counts).astype(np.int8) for name in ("role", "axis")
+    )
     rows = ConstraintRows(
         prolongation=prolongation,
         kinds=kinds,
@@ -103,7 +106,8 @@ def create_rows(
         gap=np.zeros(len(normal)),
         node_area=columns["area"],
         contact=contact,
-        equality=contact >= contacts,
+        role=role,
+        axis=axis,
         symmetry=scene.symmetry,
         **columns,
     )
@@ -114,11 +118,39 @@ def create_rows(
             f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
             "penetrations of stiffer ones are rounding; the enforcement 'exact' needs none"
         )
-    return _with_clearance(rows if contacts < 2 else _sharing(rows, across, enforcement.node_stiffness))
+    rows = _with_clearance(rows if contacts < 2 else _sharing(rows, across, enforcement.node_stiffness))
+    return _with_tangents(rows) if any(kind.contact.tangential is not None for kind in kinds) else rows
 
 
 #: Columns of `RowColumns` that are joined as they are.
-_COLUMNS = [name for name in RowColumns.__dataclass_fields__ if name != "entries"]
+_COLUMNS = [name for name in RowColumns.__dataclass_fields__ if name not in ("entries", "role", "axis")]
+
+
+def _with_tangents(rows: ConstraintRows) -> ConstraintRows:
+    """The rows, with tangents t1, t2 of those of contacts with a tangential law behind all normals."""
+    sticky = np.array([kind.contact.tangential is not None for kind in rows.kinds])
+    normals, equations = (np.flatnonzero((rows.role == Role.EQUATION) == equation) for equation in (False, True))
+    some = normals[sticky[rows.contact[normals]]]
+    tangents = np.concatenate([some, some])
+    result = rows.taken(np.concatenate([normals, tangents, equations]))
+    ours = slice(len(normals), len(normals) + len(tangents))
+    normal, apart, gap = result.normal.copy(), result.apart.copy(), result.gap.copy()
+    role, axis = result.role.copy(), result.axis.copy()
+    normal[ours], apart[ours], gap[ours] = np.concatenate(tangent_axes(rows.normal[some])), 0.0, 0.0
+    role[ours], axis[ours] = Role.TANGENT, np.repeat([1, 2], len(some))
+    return replace(result, normal=normal, apart=apart, gap=gap, role=role, axis=axis)
+
+
+def tangent_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unit vectors t1, t2 (n, 3) that make right-handed frames with normals (n, 3); along axes for those along axes.
+
+    Local.  Source: T. Duff et al., J. Comput. Graph. Tech. 6(1), 2017.
+    """
+    x, y, z = normal.T
+    sign = np.copysign(1.0, z)
+    a = -1 / (sign + z)
+    b = x * y * a
+    return np.stack([1 + sign * x * x * a, sign * b, -sign * x], axis=1), np.stack([b, sign + y * y * a, -y], axis=1)
 
 
 def _joined(parts: list[KeyedEntries], counts: list[int]) -> KeyedEntries:
@@ -144,7 +176,7 @@ def _at_conforming(entries: KeyedEntries, prolongation: Prolongation) -> Entries
 
 def _sharing(rows: ConstraintRows, across: FloatArray, node_stiffness: float | None) -> ConstraintRows:
     """Rows of several contacts at one node as of one surface: stiffness by area, and one normal if it is smooth."""
-    prolongation, ours = rows.prolongation, ~rows.equality
+    prolongation, ours = rows.prolongation, rows.role == Role.NORMAL
     sums = prolongation.zeros(5)
     np.add.at(sums, rows.first[ours], np.column_stack([rows.stiffness, rows.area, across])[ours])
     stiffness, area, *mean = prolongation.ghosted(prolongation.summed(sums))[rows.first].T

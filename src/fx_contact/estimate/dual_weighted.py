@@ -33,6 +33,7 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.contact.constraint_rows import Role
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.estimate.contact_edge import ContactEdge
 from fx_contact.estimate.estimator import DisplacementError, Estimate, Estimator
@@ -145,7 +146,7 @@ class Goals:
         """z_v (k, owned, 3), m_v and v, both (k, n), of obstacles that settle.  Collective at the first call."""
         solution, system = self._state.solution, self._system
         assert solution.rows is not None and isinstance(system, ContactSystem)
-        rows, closed = solution.rows, solution.rows.equality & system.movable
+        rows, closed = solution.rows, (solution.rows.role == Role.EQUATION) & system.movable
         closed[: len(solution.active)] |= solution.active & system.movable[: len(solution.active)]
         guess = np.zeros((len(rows.pressed), *self._state.solution.displacement.shape))
         with self._stages("solve"):

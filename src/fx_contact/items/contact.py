@@ -16,10 +16,15 @@ from fx_contact.parallel.validation import check_direction, check_number, check_
 SMOOTH = 0.966
 
 
+class TangentialLaw:
+    """Tangential behaviour of a contact, as data; its forces: `law.tangential`."""
+
+
 class Contact(ABC):
     """Possible contact of a surface with an obstacle, or of two surfaces.
 
     Attributes:
+        tangential: law of the tangents; None: there are no tangential forces, and no rows for them.
         clearance: added to the gap, negative for interference [m].
         force: on the obstacle, along which it is free to move [N]; None: it does not move by itself.
     """
@@ -27,6 +32,7 @@ class Contact(ABC):
     #: Rows are equations, always closed.
     EQUALITY: ClassVar[bool] = False
 
+    tangential: TangentialLaw | None = None
     clearance: float = 0.0
     force: tuple[float, float, float] | None = None
 

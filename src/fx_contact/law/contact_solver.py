@@ -5,30 +5,25 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
-from fx_contact.law.active_set import ActiveSet
+from fx_contact.law.active_set import solve_law
 from fx_contact.law.initial_guess import move_bodies, relax
-from fx_contact.law.interior_point import find_closed_rows
 from fx_contact.law.settling import settle
+from fx_contact.law.unilateral import Unilateral
 from fx_contact.linalg.petsc_objects import PetscObjects
-from fx_contact.linalg.solver_options import Solver
 from fx_contact.linalg.stopping import ROUNDING
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.timing import Stages
 
-#: Updates of the active set before the interior-point method takes over: as many as its linear solves, so that both
-#: together take at most twice those of the better one.
-_UPDATES = 20
-
 
 @dataclass(frozen=True, eq=False)
 class ContactSolution:
-    """Result of the contact loop; n rows of contact, and m of ties, which follow them among all rows.
+    """Result of the contact loop; n normals, k tangents and m equations, in this order among all rows.
 
     Attributes:
         rows: of the problem, or where the obstacles have settled; None without contact.
@@ -40,6 +35,7 @@ class ContactSolution:
         contact_iterations: number of active sets.
         krylov_iterations: of each linear solve.
         preconditioner: of the last solve, as `LinearSolver.preconditioner`.
+        tangential_force: (k,), of the first side on the second along each tangent [N].
         tie_force: (m,), pressure positive, tension negative, shear of either sign [N].
         energy_error: bound of the linear solver's error in the energy norm [J^(1/2)].
         rounding: bound of the energy norm (4) of a rigid motion, by rounding [J^(1/2)].
@@ -54,6 +50,7 @@ class ContactSolution:
     contact_iterations: int
     krylov_iterations: list[int]
     preconditioner: str
+    tangential_force: FloatArray
     tie_force: FloatArray
     energy_error: float
     rounding: float
@@ -103,24 +100,26 @@ def solve_system(
         with stages("solve"):
             u = system.solve(load, u, options.solver.tolerance)
         error = system.solver.energy_error
-        active, (force, pressure, penetration, tied), count = np.zeros(0, dtype=bool), np.zeros((4, 0)), 1
+        active, count = np.zeros(0, dtype=bool), 1
+        force, pressure, penetration, tangential, tied = np.zeros((5, 0))
     else:
         with stages("solve"):
             carried = comm.allreduce(bool(start.any()), op=MPI.LOR)
-            status, u = _first_guess(problem, load, jump, u, options.solver, carried)
+            law, u = _first_guess(problem, load, jump, u, options, carried)
         with stages("system"):
-            system = ContactSystem(problem, load, jump, status.active, options, stages, objects)
+            system = ContactSystem(problem, load, jump, law.active, options, stages, objects)
         if problem.rows_at is None:
-            u, trial = _find_active_set(system, status, u, options.solver)
+            u, trial = solve_law(system, law, u, options.solver)
             error = system.solver.energy_error
         else:
-            jump, u, trial, error = settle(problem, jump, system, status, u, options.solver, _find_active_set)
+            jump, u, trial, error = settle(problem, jump, system, law, u, options.solver)
             rows = jump.rows
-        status.check_supported()
-        penetration, count, free = rows.penetration(u), status.updates, ~rows.equality
-        force = np.where(status.active & jump.movable, trial, 0.0)
-        tied, active, force, penetration = force[~free], status.active[free], force[free], penetration[free]
-        pressure = rows.part(ties=False).pressure(force)
+        law.check_supported()
+        penetration, count = rows.penetration(u), law.updates
+        force = np.where(law.springs().closed & jump.movable, trial, 0.0)
+        (force, tangential, tied), normal = (force[rows.role == role] for role in Role), law.normal
+        active, penetration = law.active[normal], penetration[normal]
+        pressure = rows.part(Role.NORMAL).pressure(force)
     solution = ContactSolution(
         rows=rows,
         displacement=u,
@@ -131,6 +130,7 @@ def solve_system(
         contact_iterations=count,
         krylov_iterations=list(system.solver.iterations),
         preconditioner=system.solver.preconditioner,
+        tangential_force=tangential,
         tie_force=tied,
         energy_error=error,
         rounding=ROUNDING * float(np.sqrt(comm.allreduce(float(((root * u) ** 2).sum())))),
@@ -139,11 +139,12 @@ def solve_system(
 
 
 def _first_guess(
-    problem: ContactProblem, load: FloatArray, jump: Jump, u: FloatArray, options: Solver, carried: bool
-) -> tuple[ActiveSet, FloatArray]:
+    problem: ContactProblem, load: FloatArray, jump: Jump, u: FloatArray, options: SolveOptions, carried: bool
+) -> tuple[Unilateral, FloatArray]:
     """First active set, its capped penalty term added to the matrix, and a displacement close to its solution."""
     rows, matrix = jump.rows, problem.matrix.mat
-    status = ActiveSet(rows, problem.scene, u, options.max_contact)
+    exact, most = options.enforcement.method == "exact", options.solver.max_contact
+    status = Unilateral(rows, problem.scene, u, most, exact, problem.before)
     capped = PenaltyTerm(jump, rows.capped_stiffness)
     if problem.scene is not None and not carried:
         stiffness = status.active * rows.capped_stiffness
@@ -153,30 +154,6 @@ def _first_guess(
         u = relax(matrix, load, capped, u, status, rows.prolongation.space.degree)
         status.reset_cycles()
     return status, u
-
-
-def _find_active_set(
-    system: ContactSystem, status: ActiveSet, u: FloatArray, options: Solver
-) -> tuple[FloatArray, FloatArray]:
-    """Displacement (owned, 3) [m] and trial forces (n,) [N] of the final set: loose tolerance first, then the tight."""
-    tolerance = options.loose_tolerance
-    while True:
-        u = system.solve(status.active, u, tolerance)
-        trial = system.trial(u)
-        system.check_apart(trial, u)
-        loose = tolerance > options.tolerance
-        wanted = status.wanted(trial, system.solver.energy_error * options.tolerance / tolerance)
-        if status.differs(wanted) and not (loose and status.cycles(wanted)):
-            if status.updates == status.of_others + _UPDATES:
-                u, wanted, solves = find_closed_rows(system, u)
-                status.restart(wanted, u, solves)
-            else:
-                status.update(wanted)
-        elif loose:
-            tolerance = options.tolerance
-            status.reset_cycles()
-        else:
-            return u, trial
 
 
 def _impose(problem: ContactProblem) -> tuple[FloatArray, FloatArray]:

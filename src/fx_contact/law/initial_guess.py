@@ -7,7 +7,7 @@ from petsc4py import PETSc
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
 from fx_contact.fem.supports import Supports
-from fx_contact.law.active_set import ActiveSet
+from fx_contact.law.unilateral import Unilateral
 from fx_contact.linalg.matrix import diagonal_blocks
 from fx_contact.linalg.operator import Equations, MatrixOperator
 from fx_contact.linalg.petsc_objects import PetscObjects
@@ -84,7 +84,7 @@ def _solved(matrix: FloatArray, right_hand_side: FloatArray, diagonal: FloatArra
 
 
 def relax(
-    matrix: PETSc.Mat, load: FloatArray, term: PenaltyTerm, u: FloatArray, status: ActiveSet, degree: int
+    matrix: PETSc.Mat, load: FloatArray, term: PenaltyTerm, u: FloatArray, status: Unilateral, degree: int
 ) -> FloatArray:
     """Smooth a displacement from a coarser mesh by PCG with block Jacobi, and update the active set by it.
 

@@ -8,7 +8,7 @@ follow s_i f_i = mu to mu = 0.  Each linear solve has springs in all rows:
 The step towards u', f', s' keeps s and f positive.  At the end rows are closed where f/s is above its mean.  If all
 rows have the same status, they are closed where f/s is above the capped stiffness.
 
-Rows of ties have stiff springs of constant stiffness.
+Other rows than normals keep their springs.
 
 In bodies that bend, updates of the active set open a line of nodes each.  The number of these iterations hardly depends
 on the mesh (`studies.cost.leaf_springs`).
@@ -19,7 +19,8 @@ Source: S. J. Wright, Primal-Dual Interior-Point Methods, SIAM, 1997, chapter 1.
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.contact_system import ContactSystem
+from fx_contact.contact.contact_system import ContactSystem, Springs
+from fx_contact.law.unilateral import Unilateral
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 
 #: Reduction of mu in an iteration, and part of the way to the boundary that a step goes (Wright, chapter 1).
@@ -33,29 +34,35 @@ _FIRST = 10.0
 #: All rows have one status if the mean of f times that of s is less, over the energy and the rows: 2e-12 to 2e-11 where
 #: all open, 2e-8 or more in leaf springs of 1:20 to 1:500.
 _ALIKE = 1e-9
-#: Springs of ties over the capped stiffness: they yield by a millionth of what the surface yields.
-_TIED = 1e6
 #: Most linear solves.
 _ITERATIONS = 60
 
 
-def find_closed_rows(system: ContactSystem, u: FloatArray) -> tuple[FloatArray, BoolArray, int]:
-    """Displacement (owned, 3) [m], closed rows (n,), and the number of linear solves, from a displacement (owned, 3).
+def find_closed_rows(system: ContactSystem, law: Unilateral, u: FloatArray) -> tuple[FloatArray, BoolArray, int]:
+    """Displacement (owned, 3) [m], closed normals (n,), and the number of linear solves.
 
-    Collective.  Raises SolveError as `ContactSystem.solve_springs`.
+    Collective.  Raises SolveError as `ContactSystem.solve`.
+
+    Args:
+        u: (owned, 3), displacement to start from [m].
     """
-    k, tied, comm = system.capped_stiffness, system.equality, system.comm
-    some = system.movable & ~tied
-    compliance = np.zeros_like(k) if system.exact else 1 / system.stiffness
-    of_ties = (_TIED * k if system.exact else system.stiffness)[tied]
-    springs = k.copy()
-    springs[tied] = of_ties
+    normal, springs = law.normal, law.springs(law.active | law.normal)
+    k, comm, some = np.where(normal, system.capped_stiffness, 1.0), system.comm, system.movable & normal
+    compliance = np.where(normal, 1 / springs.stiffness, 0.0)
+    others = np.where(normal, 0.0, springs.stiffness)
+    shifts = np.zeros(len(k)) if springs.shift is None else np.where(normal, 0.0, springs.shift)
+
+    def solved(stiffness: FloatArray, shift: FloatArray, tolerance: float) -> tuple[FloatArray, FloatArray]:
+        """Displacement and forces of springs (n,) with shifts (n,) in the normals."""
+        every = Springs(np.where(normal, stiffness, others), np.where(normal, shift, shifts), springs.force)
+        towards = system.solve(every, u, tolerance, anew=True)
+        return towards, system.forces(towards)
 
     def total(values: FloatArray) -> float:
         """Sum over the movable rows of all ranks."""
         return comm.allreduce(float(values[some].sum()))
 
-    u, f = system.solve_springs(springs, np.zeros_like(k), u, _LOOSE)
+    u, f = solved(k, np.zeros_like(k), _LOOSE)
     energy, number = system.energy_norm(u) ** 2, total(np.ones_like(k))
     size = _FIRST * np.sqrt(energy / total(k))
     s, f = np.maximum(-f / k, size), np.maximum(f, k * size)
@@ -63,9 +70,7 @@ def find_closed_rows(system: ContactSystem, u: FloatArray) -> tuple[FloatArray, 
     while solves < _ITERATIONS and (gap := total(s * f)) > _GAP * energy:
         ratio, shift = s / f, s + _CENTRING * gap / number / f
         tolerance = min(_LOOSE, _OF_GAP * np.sqrt(gap / energy))
-        springs = 1 / (ratio + compliance)
-        springs[tied], shift[tied] = of_ties, 0.0
-        towards, force = system.solve_springs(springs, -shift, u, tolerance)
+        towards, force = solved(1 / (ratio + compliance), -shift, tolerance)
         steps = np.where(some, shift - ratio * force - s, 0.0), np.where(some, force - f, 0.0)
         reach = min(_reach(s, steps[0]), _reach(f, steps[1]))
         length = min(1.0, _TO_BOUNDARY * comm.allreduce(reach, op=MPI.MIN))
@@ -73,7 +78,7 @@ def find_closed_rows(system: ContactSystem, u: FloatArray) -> tuple[FloatArray, 
         energy, solves = system.energy_norm(u) ** 2, solves + 1
     alike = total(s) * total(f) < _ALIKE * number * energy
     border = k if alike else np.full_like(k, total(f) / total(s))
-    return u, tied | (some & (f > border * s)), solves
+    return u, some & (f > border * s), solves
 
 
 def _reach(values: FloatArray, step: FloatArray) -> float:

@@ -17,11 +17,12 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_problem import ContactProblem
 from fx_contact.contact.contact_system import ContactSystem
 from fx_contact.contact.jump import Jump
-from fx_contact.law.active_set import ActiveSet
+from fx_contact.law.active_set import solve_law
+from fx_contact.law.unilateral import Unilateral
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.linalg.stopping import ROUNDING
 from fx_contact.parallel.arrays import BoolArray, FloatArray
@@ -30,8 +31,6 @@ from fx_contact.parallel.validation import percent
 from fx_contact.scene.scene import Scene
 from fx_contact.surfaces.surface_projection import LEAST_COSINE
 
-#: A contact loop: displacement (owned, 3) [m] and trial forces (n,) [N] from a first guess.
-Loop: TypeAlias = Callable[[ContactSystem, ActiveSet, FloatArray, Solver], tuple[FloatArray, FloatArray]]
 #: Rows for distances of the obstacles, as of `Scene.approached`.
 RowsAt: TypeAlias = Callable[[Sequence[Any]], ConstraintRows]
 
@@ -63,13 +62,7 @@ class Settled(NamedTuple):
 
 
 def settle(
-    problem: ContactProblem,
-    jump: Jump,
-    system: ContactSystem,
-    status: ActiveSet,
-    u: FloatArray,
-    options: Solver,
-    loop: Loop,
+    problem: ContactProblem, jump: Jump, system: ContactSystem, status: Unilateral, u: FloatArray, options: Solver
 ) -> Settled:
     """Move obstacles to where contact forces balance the forces on them, and close sections up to their tensions.
 
@@ -82,7 +75,7 @@ def settle(
         u: (owned, 3), first guess [m].
 
     Raises:
-        SolveError: an obstacle does not settle, or as `loop`.
+        SolveError: an obstacle does not settle, or as `solve_law`.
     """
     assert problem.rows_at is not None and problem.scene is not None
     rows, loose = jump.rows, replace(options, tolerance=options.loose_tolerance)
@@ -93,7 +86,7 @@ def settle(
     moduli = [material.plane_strain_modulus for material in problem.scene.materials.values()]
     resists = _RESISTS * max(moduli) / min(moduli)
     for _ in range(_MOST):
-        u, trial = loop(system, status, u, solver)
+        u, trial = solve_law(system, status, u, solver)
         error, closed = system.solver.energy_error, status.active & jump.movable
         excess = _sum(rows, rows.rates @ np.where(closed, trial, 0.0)) - force
         scale = np.where(scale > 0, scale, np.abs(excess).max())  # of faces below no force, at first
@@ -126,7 +119,7 @@ def settle(
     worst = int((np.abs(excess) / np.maximum(scale, np.finfo(float).tiny)).argmax())
     label = next(kind.contact.label for kind in rows.kinds if kind.index == rows.pressed[worst])
     told = f"its force differs from the given one by {percent(off)}" if off < 1 else "nothing resists it"
-    if not _sum(rows, np.array([(status.active & ~rows.equality).sum()], dtype=np.float64)).any():
+    if not _sum(rows, np.array([(status.active & status.normal).sum()], dtype=np.float64)).any():
         told += ", and no contact is closed"
     raise SolveError(
         f"{label} does not settle: after {_MOST} solves {told}; does the body resist it there, does the force pull it "
@@ -239,7 +232,7 @@ def _obstacles(rows: ConstraintRows) -> BoolArray:
 
 def _punches(rows: ConstraintRows) -> FloatArray:
     """(k,), stiffness E* A^(1/2) of a flat punch as large as the whole surface of each unknown motion [N/m]."""
-    share = rows.area / np.where(rows.equality, 3, 1)  # rows along three axes
+    share = rows.area / np.where(rows.role == Role.EQUATION, 3, 1)  # rows along three axes
     soft = share * (1 / rows.modulus).sum(axis=1)
     ours = [rows.contact == index for index in rows.pressed]
     area, compliance = _sum(rows, np.array([[share[one].sum(), soft[one].sum()] for one in ours])).T

@@ -66,6 +66,11 @@ def _sendable(error: BaseException | None) -> BaseException | None:
         return RuntimeError(f"{type(error).__name__}: {error}")
 
 
+def any_true(comm: MPI.Intracomm, values: BoolArray) -> bool:
+    """True if a value is true on any rank.  Collective on comm."""
+    return bool(comm.allreduce(bool(values.any()), op=MPI.LOR))
+
+
 def hashed(keys: Int64Array, size: int) -> Int32Array:
     """A rank below `size` for each non-negative key, by Fibonacci hashing: neighbouring keys spread evenly.  Local."""
     bits = keys.astype(np.uint64)

@@ -1,0 +1,196 @@
+"""The unilateral law of normals, f >= 0, B u <= D, f (B u - D) = 0: first active set and its updates.
+
+Equations are always closed; tangents have the laws of their contacts (`tangential`).
+
+All rows with the wrong status change at once (primal-dual active set: M. Hintermueller, K. Ito, K. Kunisch,
+SIAM J. Optim. 13(3), 2002).  If a set recurs, single rows change, the lowest key first, until the number of wrong
+rows has a new minimum.  Contact is a linear complementarity problem with a positive definite matrix: single changes
+terminate (K. G. Murty, Math. Program. 7, 1974), and so does the combination (L. F. Portugal, J. J. Judice,
+L. N. Vicente, Math. Comput. 63, 1994).
+"""
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.contact.constraint_rows import ConstraintRows, Role
+from fx_contact.contact.contact_system import Springs
+from fx_contact.law.tangential import tangential_status
+from fx_contact.parallel.arrays import BoolArray, FloatArray
+from fx_contact.parallel.errors import SolveError
+from fx_contact.scene.scene import Scene
+
+
+class Unilateral:
+    """Status of the rows, at first closed where a displacement closes them, or brings them closest to touching.
+
+    Collective on the prolongation's comm.
+
+    Args:
+        scene: to support bodies that an active set leaves unconstrained; None: not checked.
+        u: (owned, 3), displacement [m].
+        most: linear solves; None: no limit.
+        exact: closed rows do not yield.
+        before: (owned, 3), displacement after the load step before, for tangents [m]; None: 0.
+
+    Attributes:
+        active: (n,), closed normals, and all equations.
+        normal: (n,), rows that may open.
+        updates: number of active sets, with linear solves that found one (`restart`).
+        of_others: updates for rows before the present ones (`exchange_rows`).
+    """
+
+    #: Parts of the range of the gaps, from rounding to 1, within which rows are closed to support a free body.
+    _BANDS = 4.0 ** -np.arange(12, -1, -1)
+    #: Penetrations and gaps up to this part of the largest displacement are rounding (1e4 times that of a double),
+    #: for instance of rows closed on the coarser mesh.
+    _TOUCHING = 1e-12
+
+    def __init__(
+        self,
+        rows: ConstraintRows,
+        scene: Scene | None,
+        u: FloatArray,
+        most: int | None,
+        exact: bool = True,
+        before: FloatArray | None = None,
+    ) -> None:
+        self._rows, self._scene, self._most, self._exact, self._before = rows, scene, most, exact, before
+        self._comm = rows.prolongation.comm
+        self.updates, self.of_others = 1, 0
+        self._always, self.normal = rows.role == Role.EQUATION, rows.role == Role.NORMAL
+        self._tangents = tangential_status(rows, before)
+        penetration = rows.penetration(u)
+        deepest, rounding = self._largest(penetration), self._TOUCHING * self._max(np.abs(u))
+        closed = self.normal & (penetration >= min(deepest, 0.0) - rounding)
+        self.active = self._supporting(closed, penetration)
+        self.reset_cycles()
+
+    def reset_cycles(self) -> None:
+        """Reset the detection of cycles.  Local."""
+        self._tried, self._fewest, self._single = [self.active], np.inf, False
+        self._one_by_one: list[BoolArray] = []
+        self._penetrate_when_open = False
+
+    def exchange_rows(self, rows: ConstraintRows) -> None:
+        """Go on with the same set of rows with other normals and gaps.  Local.  Raises SolveError: too many sets."""
+        self._rows, self.of_others = rows, self.updates
+        self._tangents = tangential_status(rows, self._before)
+        self._count(1)
+        self.reset_cycles()
+
+    def springs(self, active: BoolArray | None = None) -> Springs:
+        """Springs of the rows for closed normals and equations (n,), by default the present ones.  Local."""
+        active = self.active if active is None else active
+        springs = Springs(np.where(active, np.inf if self._exact else self._rows.stiffness, 0.0))
+        for tangents in self._tangents:
+            springs = springs + tangents.springs(active)
+        return springs
+
+    def restart(self, active: BoolArray, u: FloatArray, solves: int) -> None:
+        """Continue with another set (n,), and a displacement (owned, 3) [m], found by so many linear solves.
+
+        Raises SolveError if they are too many.
+        """
+        self._count(solves + 1)
+        self.active = self._supporting(active, self._rows.penetration(u))
+        self.reset_cycles()
+
+    def wanted(self, trial: FloatArray, noise: float) -> BoolArray:
+        """The status (n,) that each row should have, by trial forces (n,), k (B u - D) of open rows [N].
+
+        A row keeps its status if its trial force is below the noise, the error of the linear solver in the energy norm
+        [J^(1/2)].  If all are, all rows open, unless they penetrated by more when all were open.
+        """
+        pressure = trial / np.sqrt(self._rows.capped_stiffness)  # [J^(1/2)], as the noise
+        hardest = self._largest(pressure)
+        self._penetrate_when_open |= hardest > noise and not self.differs(self._always)
+        press = hardest > noise or self._penetrate_when_open
+        wanted = self.normal & (pressure > (np.where(self.active, -noise, noise) if press else hardest))
+        return self._supporting(wanted, trial / self._rows.capped_stiffness)
+
+    def check_supported(self) -> None:
+        """Check the supporting rows of unconstrained bodies.  Local.  Raises SolveError: they are in tension."""
+        if self._loose:
+            raise SolveError(
+                f"nothing holds body {', '.join(map(repr, self._loose))} once the contact opens: only contact stops "
+                "some of its rigid motions; prescribe displacements that stop them, or load it towards the contact, "
+                "with the resultant inside the contact surface"
+            )
+
+    def differs(self, other: BoolArray) -> int:
+        """Number of rows on all ranks whose status differs."""
+        return self._comm.allreduce(int((self.active != other).sum()))
+
+    def cycles(self, wanted: BoolArray) -> bool:
+        """True for a set (n,) that was tried before."""
+        return self._among(wanted, self._tried)
+
+    def update(self, wanted: BoolArray) -> None:
+        """Change all wrong rows, or a single one if the set would recur.
+
+        Raises:
+            SolveError: only rows in tension support a body, single changes recur, or there were `most` updates.
+        """
+        if self.cycles(wanted):
+            self.check_supported()
+        self._count(1)
+        wrong = self.differs(wanted)
+        if wrong < self._fewest:
+            self._fewest, self._single, self._one_by_one = wrong, False, []
+        self._single = self._single or self.cycles(wanted)
+        if self._single:
+            key = self._rows.key
+            lowest = int(key[self.active != wanted].min(initial=np.iinfo(np.int64).max))
+            lowest = self._comm.allreduce(lowest, op=MPI.MIN)
+            wanted = np.where(key == lowest, wanted, self.active)
+            if self._among(wanted, self._one_by_one):
+                raise SolveError(
+                    f"the active set repeats itself after {self.updates} updates: the linear solver's error exceeds "
+                    "the forces or gaps that decide; take Solver(preconditioner='cholesky') or a smaller "
+                    "Solver.tolerance"
+                )
+            self._one_by_one.append(wanted)
+        self.active = wanted
+        self._tried.append(wanted)
+
+    def _count(self, solves: int) -> None:
+        self.updates += solves
+        if self._most is not None and self.updates > self._most:
+            raise SolveError(
+                f"the active set still changes after {self._most} linear solves, the limit that Solver.max_contact sets"
+            )
+
+    def _among(self, wanted: BoolArray, sets: list[BoolArray]) -> bool:
+        same = np.array([np.array_equal(wanted, other) for other in sets], dtype=np.int8)
+        self._comm.Allreduce(MPI.IN_PLACE, same, op=MPI.MIN)
+        return bool(same.any())
+
+    def _supporting(self, active: BoolArray, penetration: FloatArray) -> BoolArray:
+        """An active set with the rows closest to touching that support unconstrained bodies."""
+        active = active | self._always
+        self._loose = self._loose_bodies(active)
+        if self._loose:
+            top, bottom = self._largest(penetration), -self._largest(-penetration)
+            for band in self._BANDS:
+                more: BoolArray = active | (self.normal & (penetration >= top - band * (top - bottom)))
+                if not self._loose_bodies(more):
+                    return more
+        return active
+
+    def _loose_bodies(self, active: BoolArray) -> list[str]:
+        """Names of the bodies that neither conditions nor the active rows support."""
+        rows = self._rows
+        if self._scene is None or not len(self._scene.rigid_motions.free):
+            return []
+        motions, position, normal = self._scene.rigid_motions, rows.position[active], rows.normal[active]
+        first, second = (motions.free_along(position, bodies, normal) for bodies in rows.bodies[active].T)
+        resistance = (first - second).T @ (first - second)
+        self._comm.Allreduce(MPI.IN_PLACE, resistance)
+        return list(motions.unresisted(resistance))
+
+    def _largest(self, values: FloatArray) -> float:
+        """Largest of values (n,) in rows that may open."""
+        return self._max(values[self.normal])
+
+    def _max(self, values: FloatArray) -> float:
+        return self._comm.allreduce(float(values.max(initial=-np.inf)), op=MPI.MAX)
