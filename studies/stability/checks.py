@@ -21,6 +21,8 @@ import ufl
 from dolfinx import fem
 
 from fx_contact import Solver
+from fx_contact.contact.constraint_rows import Role
+from fx_contact.contact.row_motions import RowMotions
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
@@ -81,9 +83,9 @@ class State:
         supports = find_supports(step.scene, step.forest, step.elasticity.prolongation)
         self._load, held = load(step.scene, step.forest, step.elasticity), ~supports.free
         self._contact, self._springs = np.zeros_like(u), _spring_forces(step)
-        for some, forces in ((rows, contact.force), (step.ties, contact.tie_force)):
-            if some is not None:
-                np.add.at(self._contact, some.entries.node, -forces[some.entries.row, None] * some.values)
+        if contact.rows is not None:
+            entries, forces = contact.rows.entries, contact.row_force[contact.rows.entries.row, None]
+            np.add.at(self._contact, entries.node, -forces * contact.rows.values)
         self._body = _bodies(step.forest, step.elasticity.prolongation)
         self.copies = step.scene.symmetry
         strained = step.elasticity.stress_free_forces()
@@ -109,7 +111,7 @@ class State:
         loss = spread * contact.energy_error * np.sqrt(lever2 + penalties)
         entries = 3 * (2 * self.record.degree + 1) ** 3  # most of a row of the stiffness, whose roundings add up
         loss += entries * np.finfo(float).eps * (diagonal + penalties) * self.size
-        others = [contact.tie_force, self._springs, strained, self._reaction * (not step.scene.contact)]
+        others = [contact.row_force, self._springs, strained, self._reaction * (not step.scene.contact)]
         measured = max(self.force, np.abs(self._load).sum()) or max(np.abs(some).sum() for some in others)
         self.scale = measured or loss / CONTRACT or 1.0
         self.noise = CONTRACT + min(float(loss / self.scale), LOST)
@@ -302,23 +304,22 @@ def _of_motions(step):
         Twice their work along the motions that they find, by the given forces; the work of all ties, by theirs [J];
         the largest difference of a force, or moment over size, from that given [N].
     """
-    ties, given, unlike = step.ties, 0.0, 0.0
-    if ties is None:
-        return given, 0.0, unlike
-    force, u = step.solution.tie_force, step.solution.displacement
-    for kind in ties.kinds:
+    if step.solution.rows is None:
+        return 0.0, 0.0, 0.0
+    ties = step.solution.rows.part(Role.EQUATION)
+    force, u = step.solution.row_force[step.solution.rows.role == Role.EQUATION], step.solution.displacement
+    motions, unlike = RowMotions.of(ties, turning=False), 0.0
+    given = 2 * float(motions.loads @ motions.found(ties.penetration(u))) if len(motions) else 0.0
+    for kind in motions.kinds:
         ours, contact = ties.contact == kind.index, kind.contact
-        if not len(contact.loads):
-            continue
-        loads = contact.loads / step.scene.symmetry
-        given += 2 * float(loads @ contact.approach_from(step.scene.oriented[kind.index]))
         push = -force[ours, None] * ties.normal[ours]  # on the first surface
         if isinstance(contact, RigidFace):
-            moment = np.cross(ties.position[ours] - contact.centroid, push).sum(axis=0)
-            found = contact.basis.T @ np.concatenate([push.sum(axis=0), moment / contact.size])
+            motion = contact.motion
+            moment = np.cross(ties.position[ours] - motion.centroid, push).sum(axis=0)
+            found = motion.basis.T @ np.concatenate([push.sum(axis=0), moment / motion.size])
         else:
             found = push.sum(axis=0) @ contact.unit_axis
-        unlike = max(unlike, np.abs(found - loads).max())
+        unlike = max(unlike, np.abs(found - motions.loads[motions.interface == kind.index]).max())
     return given, -float(force @ (ties.gap + ties.penetration(u))), float(unlike)
 
 

@@ -224,10 +224,10 @@ def settled(make, tolerance=0.1):
     """The scene with its obstacles held where their forces have moved them to, by a run of degree 2."""
     scene = make()
     step = solve(scene, tolerance, MPI.COMM_SELF, degree=2)
-    places = zip(scene.approached(step.record.approaches).contact, step.record.approaches)
+    motions = step.record.motions
     contact = (
-        pair if distance is None else replace(pair, force=None, direction=tuple(pair.unit_direction.tolist()))
-        for pair, distance in places
+        replace(pair, force=None, direction=tuple(pair.unit_direction.tolist())) if pair.name in motions else pair
+        for pair in scene.approached(motions).contact
     )
     return replace(scene, contact=tuple(contact))
 

@@ -324,6 +324,7 @@ def prescribed(make, tolerance=0.1):
     scene = make()
     step = solve(scene, tolerance, MPI.COMM_SELF, degree=2)
     conditions = list(scene.dirichlet)
-    for load, motion in zip(scene.rigid_loads, step.record.approaches[-len(scene.rigid_loads) :]):
+    for load in scene.rigid_loads:
+        motion = step.record.motions[load.surface]
         conditions.append(RigidMotion(load.surface, tuple(motion[:3]), tuple(motion[3:]), load.point))
     return replace(scene, dirichlet=conditions, rigid_loads=())

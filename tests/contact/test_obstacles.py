@@ -413,7 +413,7 @@ def test_pictures(folder):
     scenes = [on_obstacle(one, 0.0, moved=(0.0, 0.0, 0.01)) for one in (ball, floor)]
     for scene in (*scenes, pressed):
         step = next(adapt(scene, 0.1))
-        depth = 0.01 if scene is not pressed else step.record.approaches[0] - 0.2
+        depth = 0.01 if scene is not pressed else next(iter(step.record.motions.values())) - 0.2
         assert depth > 0.005
         for draw, factor in ((partial(draw_bodies, factor=10.0), 10.0), (partial(draw_mesh, zoom=9.0), 0.0)):
             with plotter_for(folder / "obstacle.png") if WORLD.rank == 0 else nullcontext() as plotter:

@@ -56,7 +56,9 @@ def test_rod_between_walls(upper, turned, degree):
     """The tension F closes the section by 2 F L / (E A); the walls pull with F.  Which side is first does not count."""
     scene = rod(upper, cut=CUT.reversed() if turned else CUT)
     step = solve(scene, 0.1, degree=degree, solver=EXACT)
-    assert step.record.approaches == [pytest.approx(2 * TENSION / YOUNG, rel=1e-8)]
+    assert step.record.motions == {scene.ties[0].name: pytest.approx(2 * TENSION / YOUNG, rel=1e-8)}
+    with pytest.warns(DeprecationWarning):
+        assert step.record.approaches == [*step.record.motions.values()]
     found, down = forces(step), -1 if turned else 1
     assert found[scene.ties[0].name] == pytest.approx((0, 0, down * TENSION), abs=1e-8 * TENSION)
     assert found["upper top"] == pytest.approx((0, 0, TENSION), abs=1e-8 * TENSION)
@@ -64,16 +66,16 @@ def test_rod_between_walls(upper, turned, degree):
     everywhere(np.abs(step.nodal_stress - known).max(initial=0) < 1e-6 * TENSION, "stress")
     assert step.record.reached and step.record.estimate < 1e-7
     assert f"closed by {2 * TENSION / YOUNG:.5g}" in str(step)
-    held = replace(scene.ties[0], tension=None, closing=step.record.approaches[0])
+    held = replace(scene.ties[0], tension=None, closing=step.record.motions[scene.ties[0].first])
     again = solve(replace(scene, ties=held), 0.1, degree=degree, solver=EXACT)
-    assert again.record.approaches is None
+    assert again.record.motions == {}
     assert forces(again)["upper top"] == pytest.approx((0, 0, TENSION), abs=1e-7 * TENSION)
 
 
 def test_symmetric_parts_share_the_tension():
     """The tension is of all symmetric parts, as the forces in the record."""
     step = solve(rod(symmetry=4), 0.1, solver=EXACT)
-    assert step.record.approaches[0] == pytest.approx(2 * TENSION / 4 / YOUNG, rel=1e-8)
+    assert step.record.motions[CUT.name] == pytest.approx(2 * TENSION / 4 / YOUNG, rel=1e-8)
     assert forces(step)[CUT.name][2] == pytest.approx(TENSION, rel=1e-8)
 
 
@@ -113,8 +115,8 @@ def test_tightening_then_loading(degree):
     cut = Preload("bolt bottom", "shank top", axis=(0, 0, -1), tension=TENSION)
     first = solve(bolted(cut), 0.2, degree=degree, solver=EXACT)
     assert first.record.force == pytest.approx(TENSION, rel=1e-6)
-    closing = first.record.approaches[1]
-    assert first.record.approaches == [None, closing, None, None]
+    assert [*first.record.motions] == ["bolt bottom bolted to shank top"]
+    closing = first.record.motions["bolt bottom"]
     assert closing == pytest.approx(TENSION * (2 / YOUNG + 1 / YOUNG), rel=1e-4)
     held = replace(cut, tension=None, closing=closing)
     for load in (0.1, 0.3):
@@ -138,27 +140,30 @@ def test_together_with_a_settling_obstacle():
     step = solve(scene, 0.3, solver=EXACT)
     assert forces(step)[CUT.name][2] == pytest.approx(TENSION, rel=1e-8)
     assert step.record.force == pytest.approx(0.1, rel=1e-8)
-    assert step.record.approaches == pytest.approx([0.1 / YOUNG, 2 * TENSION / YOUNG], rel=1e-7)
+    known = {"block top on rigid plane": 0.1 / YOUNG, CUT.name: 2 * TENSION / YOUNG}
+    assert step.record.motions == pytest.approx(known, rel=1e-7)
+    with pytest.raises(KeyError, match="has no motion along a given force; 'block top on rigid plane', "):
+        step.record.motions["nothing"]
 
 
 @PARALLEL
 def test_restart_and_path(folder):
     """A path over tensions: closings in proportion; a restart has them."""
     found = [
-        point.step.record.approaches[0]
+        point.step.record.motions[CUT.name]
         for point in sweep(lambda f: rod(cut=replace(CUT, tension=f)), (0.1, 0.2), 0.1)
     ]
     assert found == pytest.approx([2 * f / YOUNG for f in (0.1, 0.2)], rel=1e-6)
     list(adapt(rod((3, 3, 2)), 0.1, checkpoint=folder / "run"))
     (last,) = adapt(rod((3, 3, 2)), 0.1, restart=folder / "run")
-    assert last.record.approaches[0] == pytest.approx(2 * TENSION / YOUNG, rel=1e-6)
+    assert last.record.motions[CUT.name] == pytest.approx(2 * TENSION / YOUNG, rel=1e-6)
 
 
 def test_tightening_in_two_stages():
-    """`approaches` is the whole closing, from whichever guess it was found."""
-    first = solve(rod(), 0.1, solver=EXACT).record.approaches[0]
+    """A closing beside a tension changes nothing: the motion is the whole closing."""
+    first = solve(rod(), 0.1, solver=EXACT).record.motions[CUT.name]
     more = replace(CUT, tension=2 * TENSION, closing=first)
-    second = solve(rod(cut=more), 0.1, solver=EXACT).record.approaches[0]
+    second = solve(rod(cut=more), 0.1, solver=EXACT).record.motions[CUT.name]
     assert second == pytest.approx(4 * TENSION / YOUNG, rel=1e-8)
 
 

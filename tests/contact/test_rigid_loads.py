@@ -52,7 +52,7 @@ def test_tension_and_bending(degree):
     """At nu = 0: elongation F L / (E A), end rotation M L / (E I) with I = 1/12, exact at degree 2; reactions."""
     load = RigidLoad("bar top", force=(0, 0, 0.5), moment=(0.02, -0.01, 0))
     step = solve(bar(load), 0.5, degree=degree, solver=EXACT)
-    ((*_, elongation, about_x, about_y, about_z),) = step.record.approaches
+    *_, elongation, about_x, about_y, about_z = step.record.motions["bar top"]
     assert elongation == pytest.approx(0.5 * LENGTH / YOUNG, rel=1e-8) and abs(about_z) < 1e-10
     bent = np.array([about_x, about_y]) / (np.array([0.02, -0.01]) * LENGTH / (YOUNG / 12))
     assert bent == pytest.approx(1, rel=1e-7 if degree == 2 else 0.2)
@@ -72,7 +72,7 @@ def test_motion_is_that_of_prescribed_forces(point):
     """All six components, about any point: prescribing the motion that is found gives reactions F and M."""
     load = RigidLoad("bar top", FORCE, MOMENT, point)
     step = solve(bar(load, STEEL, cells=(2, 2, 4)), 0.2, solver=EXACT, max_steps=2)
-    (motion,) = step.record.approaches
+    motion = step.record.motions["bar top"]
     centre = (0.0, 0.0, LENGTH) if point is None else point
     held = Dirichlet("bar bottom", 0.0, 0.0, 0.0), RigidMotion("bar top", motion[:3], motion[3:], centre)
     again = solve(replace(step.scene, dirichlet=held, rigid_loads=()), 0.2, solver=EXACT, max_steps=2)
@@ -96,9 +96,9 @@ def test_far_point():
         RigidLoad("bar top", FORCE, np.array(MOMENT) - np.cross(far - centre, FORCE), far),
     ]
     near, other = (solve(bar(load, STEEL, cells=(2, 2, 4)), 0.2, solver=EXACT, max_steps=1).record for load in loads)
-    motion, rotation = np.array(near.approaches[0]).reshape(2, 3)
-    assert other.approaches[0][3:] == pytest.approx(rotation, rel=1e-8)
-    assert other.approaches[0][:3] == pytest.approx(motion + np.cross(rotation, far - centre), rel=1e-8)
+    motion, rotation = np.array(near.motions["bar top"]).reshape(2, 3)
+    assert other.motions["bar top"][3:] == pytest.approx(rotation, rel=1e-8)
+    assert other.motions["bar top"][:3] == pytest.approx(motion + np.cross(rotation, far - centre), rel=1e-8)
 
 
 @PARALLEL
@@ -109,7 +109,7 @@ def test_slender_cantilever(slenderness):
     mesh = root_mesh_from_shapes({"bar": block((0, 0, 0), (1, 1, length), (1, 1, 20), 1)})
     load = RigidLoad("bar top", (1e-6, 0, 0))
     scene = Scene("beam", mesh, {"bar": PLAIN}, Dirichlet("bar bottom", 0.0, 0.0, 0.0), rigid_loads=load)
-    (motion,) = next(adapt(scene, 0.9)).record.approaches
+    motion = next(adapt(scene, 0.9)).record.motions["bar top"]
     bending = YOUNG / 12
     assert motion[0] == pytest.approx(1e-6 * length**3 / (3 * bending), rel=0.005)
     assert motion[4] == pytest.approx(1e-6 * length**2 / (2 * bending), rel=0.005)
@@ -124,17 +124,17 @@ def test_half_model():
     held = Dirichlet("bar bottom", 0.0, 0.0, 0.0), SymmetryPlane("bar left")
     half = Scene("half", mesh, {"bar": STEEL}, held, rigid_loads=load, symmetry=2)
     step = solve(half, 0.3, solver=EXACT, max_steps=1)
-    assert step.record.approaches[0] == pytest.approx(whole.record.approaches[0], rel=1e-6, abs=1e-9)
+    assert step.record.motions["bar top"] == pytest.approx(whole.record.motions["bar top"], rel=1e-6, abs=1e-9)
     assert resultant(step, "bar top")[0][:3] == pytest.approx((0, 0.02, 0.1), abs=1e-8)
     lever = np.array([0.0, 0.0, 1e5 - LENGTH])
     moment = np.array(load.moment) - np.cross(lever, load.force)
     far = solve(
         replace(half, rigid_loads=RigidLoad("bar top", load.force, moment, (0.0, 0.0, 1e5))), 0.3, max_steps=1
     )
-    assert far.record.approaches[0][3:] == pytest.approx(step.record.approaches[0][3:], rel=1e-6, abs=1e-9)
+    assert far.record.motions["bar top"][3:] == pytest.approx(step.record.motions["bar top"][3:], rel=1e-6, abs=1e-9)
     rollers = replace(half, dirichlet=(held[0], Dirichlet("bar left", x=0.0)))
     other = solve(rollers, 0.3, solver=EXACT, max_steps=1)
-    assert other.record.approaches[0] == pytest.approx(step.record.approaches[0], rel=1e-8, abs=1e-10)
+    assert other.record.motions["bar top"] == pytest.approx(step.record.motions["bar top"], rel=1e-8, abs=1e-10)
     for scene in (half, rollers):
         for wrong in ({"force": (0.1, 0, 0)}, {"moment": (0, 0.1, 0)}):
             with pytest.raises(SceneError, match="symmetry planes"):
@@ -169,10 +169,8 @@ def test_above_contact():
     scene = Scene("block", mesh, {"block": STEEL}, held, pair, rigid_loads=load)
     step = solve(scene, 0.2, solver=EXACT)
     assert step.record.force == pytest.approx(0.3, rel=1e-7)
-    assert step.record.approaches[0] is None and step.record.approaches[1][2] < -0.3 / YOUNG * 0.8
-    with pytest.raises(
-        SolveError, match="rigid load 'block top' does not settle: .*nothing resists it, and no contact is closed"
-    ):
+    assert [*step.record.motions] == ["block top"] and step.record.motions["block top"][2] < -0.3 / YOUNG * 0.8
+    with pytest.raises(SolveError, match="nothing holds body 'block' once the contact opens"):
         solve(replace(scene, rigid_loads=replace(load, force=(0, 0, 0.3))), 0.2, max_steps=1)
     with pytest.raises(SceneError, match="shares nodes with the surface 'block bottom'"):
         replace(scene, rigid_loads=RigidLoad("block right", (0.1, 0, 0)))
@@ -193,7 +191,7 @@ def test_through_a_body_that_contact_alone_holds():
     )
     step = solve(scene, 0.3, solver=EXACT, max_steps=2)
     assert step.record.pair_forces == pytest.approx([0.3, 0.3], rel=1e-7)
-    with pytest.raises(SolveError, match="nothing holds body 'b' once the contact opens"):
+    with pytest.raises(SolveError, match="nothing holds body 'b', 'c' once the contact opens"):
         solve(replace(scene, rigid_loads=RigidLoad("c top", (0, 0, 0.3))), 0.3, max_steps=1)
 
 
@@ -205,7 +203,7 @@ def test_rigid_face_without_load():
         bar(load, STEEL, cells=(2, 2, 4), tractions=Pressure("bar left", 0.01)), 0.3, solver=EXACT, max_steps=2
     )
     assert np.abs(resultant(step, "bar top")[0]).max() < 1e-9
-    assert abs(step.record.approaches[0][0]) > 1e-3
+    assert abs(step.record.motions["bar top"][0]) > 1e-3
     assert "rigid load 'bar top': force (0, 0, 0), moved by (0.0" in str(step)
 
 
@@ -233,6 +231,6 @@ def test_restart(folder):
     scene = bar(load, STEEL, cells=(2, 2, 4))
     through = list(adapt(scene, 0.2, max_steps=2, checkpoint=folder / "run"))
     *_, last = adapt(scene, 0.2, max_steps=3, restart=folder / "run")
-    assert last.record.approaches[0] == pytest.approx(through[-1].record.approaches[0], rel=0.1)
+    assert last.record.motions["bar top"] == pytest.approx(through[-1].record.motions["bar top"], rel=0.1)
     with pytest.raises(CheckpointError, match="rigid loads"):
         list(adapt(bar(replace(load, moment=(0, 0, 1)), STEEL, cells=(2, 2, 4)), 0.2, restart=folder / "run"))

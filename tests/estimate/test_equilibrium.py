@@ -23,8 +23,8 @@ def solution():
     supports = find_supports(scene, step.forest, prolongation)
 
     def with_factor(factor):
-        solution = replace(step.solution, force=factor * step.solution.force)
-        state = SolvedState(scene, step.forest, step.elasticity, step.field, step.rows, None, solution, step.estimate)
+        solution = replace(step.solution, row_force=factor * step.solution.row_force)
+        state = SolvedState(scene, step.forest, step.elasticity, step.field, step.rows, solution, step.estimate)
         load = np.zeros((prolongation.owned, 3))
         return state, nodal_residual(state, load), load, supports
 

@@ -25,6 +25,7 @@ def active_set(penetration, largest=0.0, comm=MPI.COMM_SELF, most=100, tied=None
         key=comm.rank * size + np.arange(size),
         role=np.full(size, Role.NORMAL) if tied is None else np.where(tied, Role.EQUATION, Role.NORMAL),
         kinds=(),
+        symmetry=1,
     )
     return Unilateral(rows, None, np.full((size, 3), largest), most)
 

@@ -54,7 +54,7 @@ def test_without_contact(calls):
     for place, name in (
         (fx_contact.surfaces.facet_pairing, "_match"),
         (fx_contact.adaptive.step_solver, "create_rows"),
-        (fx_contact.law.contact_solver, "ActiveSet"),
+        (fx_contact.law.contact_solver, "Unilateral"),
         (fx_contact.law.contact_solver, "Jump"),
         (fx_contact.law.contact_solver, "relax"),
         (fx_contact.law.contact_solver, "move_bodies"),

@@ -51,7 +51,7 @@ def test_a_coarse_forest_is_two_refinements_away(share, levels):
     error = np.full(len(forest), share * tolerance / np.sqrt(count))
     estimate = Estimate(error, None, share * tolerance, 1.0, count, 1 / 32)
     values, refine = np.zeros((len(forest), 8, 3)), np.zeros(len(forest), dtype=np.int8)
-    state = State(forest, values, estimate, refine, RefinementHistory(1.0), approaches=None)
+    state = State(forest, values, estimate, refine, RefinementHistory(1.0), motions=None)
     begin = carried_over(state, tolerance, ErrorControl(), "contact-sfc")
     everywhere((begin.forest.level == 3 - levels).all(), "other levels")
 

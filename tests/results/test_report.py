@@ -58,7 +58,11 @@ def test_report_of_a_step(reached, radius):
     figures = {"scene": "it", "ranks": 2, "cells": 1234, "geometry_order": 3, "max_level": 4, "dofs": 5678}
     figures |= {"hanging_nodes": 99, "estimate": 0.025, "tolerance": 0.5, "reached": reached, "active_pairs": 12}
     figures |= {"degree": 2, "pair_forces": [2.5, 0.0, 2.0], "max_pressure": 7.25, "contact_radius": radius}
-    figures |= {"pair_errors": [0.03, None, None], "approaches": [None, None, 0.125], "pair_alignments": [1, None, 1]}
+    figures |= {
+        "pair_errors": [0.03, None, None],
+        "motions": {"c on rigid sphere": 0.125},
+        "pair_alignments": [1, None, 1],
+    }
     pairs = (resultant("contact", name, 0.0, 0.0, 1.0) for name in ("a on b", "b on c", "c on rigid sphere"))
     others = resultant("pressure", "top", 1e-9, -2.5, 0.001), resultant("balance", "a", 1e-9, 0.0, 0.0)
     goal = GoalRecord("gap of 'a'", 0.5, 0.05, 0.1, 0.1, True)
@@ -88,7 +92,9 @@ def test_units_of_a_report():
         "contact_radius": 0.25,
         "pair_errors": [None],
     }
-    figures |= {"approaches": [0.125], "force": 2.5, "resultants": (resultant("reaction", "top", 0.0, 0.0, 2.5),)}
+    figures |= {"motions": {"top on rigid plane": 0.125}, "force": 2.5}
+    forces = ("contact", "top on rigid plane"), ("reaction", "top")
+    figures |= {"resultants": tuple(resultant(kind, name, 0.0, 0.0, 2.5) for kind, name in forces)}
     plain = step_record(0, **figures)
     named = replace(plain, units=("mm", "GPa"))
     text = Step.__repr__(SimpleNamespace(record=named))

@@ -9,6 +9,7 @@ import pytest
 from conftest import WORLD, everywhere, outside
 
 from fx_contact import Enforcement, Material, adapt
+from fx_contact.contact.constraint_rows import Role
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from fx_contact.scenes import stack
 from studies.stability import run as stability
@@ -121,9 +122,12 @@ def test_few_layers_keep_what_was_asked_for():
 @pytest.mark.parametrize(
     "spoil, check",
     [
-        (lambda c: replace(c, force=1.001 * c.force), "balance of each body"),
-        (lambda c: replace(c, force=c.force - 2 * c.force * (c.force == c.force.max())), "no tension"),
-        (lambda c: replace(c, active=np.zeros_like(c.active), force=0 * c.force), "no penetration but the penalty's"),
+        (lambda c: replace(c, row_force=1.001 * c.row_force), "balance of each body"),
+        (lambda c: replace(c, row_force=c.force - 2 * c.force * (c.force == c.force.max())), "no tension"),
+        (
+            lambda c: replace(c, active=np.zeros_like(c.active), row_force=0 * c.force),
+            "no penetration but the penalty's",
+        ),
         (lambda c: replace(c, displacement=1.01 * c.displacement), "work is stored"),
     ],
     ids=["force", "tension", "penetration", "work"],
@@ -137,13 +141,18 @@ def test_the_judge_sees_a_spoilt_solution(spoil, check):
     assert check in [c.name for c in state.checks() if not c.holds]
 
 
+def _spoilt_ties(solution, factor):
+    """Forces of all rows, those of ties times a factor."""
+    return np.where(solution.rows.role == Role.EQUATION, factor, 1.0) * solution.row_force
+
+
 @alone
 def test_the_judge_sees_a_spoilt_tie():
     """Forces of ties are among those on a body, beside contact and without it."""
     for name in ("E-5e1", "layers"):
         *_, step = adapt(NAMED[f"ties/tied/{name}"].scene(), 0.2, comm=stability.MPI.COMM_SELF)
         assert all(c.holds for c in stability.State(step).checks())
-        spoilt = replace(step.solution, tie_force=1.001 * step.solution.tie_force)
+        spoilt = replace(step.solution, row_force=_spoilt_ties(step.solution, 1.001))
         state = stability.State(replace(step, solution=spoilt))
         assert [c.name for c in state.checks() if not c.holds] == ["balance of each body"]
 
@@ -179,7 +188,7 @@ def test_the_judge_sees_spoilt_forces_of_loads(name, failed):
     """Forces of rigid faces and sections that are not those given, or not in balance, are noticed."""
     *_, step = adapt(NAMED[name].scene(), 0.2, comm=stability.MPI.COMM_SELF)
     assert all(c.holds for c in stability.State(step).checks())
-    spoilt = replace(step.solution, tie_force=1.01 * step.solution.tie_force)
+    spoilt = replace(step.solution, row_force=_spoilt_ties(step.solution, 1.01))
     state = stability.State(replace(step, solution=spoilt))
     assert {c.name for c in state.checks() if not c.holds} == failed
 

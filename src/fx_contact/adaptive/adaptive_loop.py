@@ -1,6 +1,6 @@
 """The adaptive loop: solve, estimate, mark, refine, repartition."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
@@ -195,7 +195,7 @@ class Run:
         self._line = progress if isinstance(progress, ProgressLine) else None
         self._next: tuple[Forest, FloatArray | None] | None = None  # to solve on, with the values at its nodes
         self._history, self._finished = settings.begin(), False
-        self._approaches: Sequence[float | None] | None = None  # of the last step
+        self._motions: Mapping[str, Any] | None = None  # of the last step
         self._last: dict[str, Any] = {"record": None, "forest": None, "displacement": None}  # for FxContactError
 
     def __iter__(self) -> Self:
@@ -273,7 +273,7 @@ class Run:
             with stages("refine"):
                 self._resume(source)
         elif source is not None:
-            self._approaches = source.approaches
+            self._motions = source.motions
             self._next = source.forest, source.of_degree(self.settings.degree)
             if source.history is not None:
                 one_mesh = source.history.compared or self._history.compared
@@ -286,7 +286,7 @@ class Run:
     def _resume(self, checkpoint: Checkpoint) -> None:
         """Continue a run with its next step, or with its last one again if there is none."""
         state, settings = checkpoint.load(), self.settings
-        self._approaches = state.approaches
+        self._motions = state.motions
         self.records, self._last["record"] = list(checkpoint.records), checkpoint.records[-1]
         control, progress = settings.control, (state.estimate, settings.tolerance, state.history)
         more = self._comm.allreduce(bool(state.refine.any()), op=MPI.LOR)
@@ -339,7 +339,7 @@ class Run:
         growing += growing_pressure(self.settings.scene, self.settings.goals, pressures)
         if growing:
             step = replace(step, record=replace(step.record, doubts=[*step.record.doubts, *growing]))
-        self.step, self._approaches = step, step.record.approaches
+        self.step, self._motions = step, step.record.motions
         self._last.update(record=step.record, displacement=step.solution.displacement)
         self.records.append(step.record)
         if self._writer is not None:
@@ -356,7 +356,7 @@ class Run:
             values = np.zeros((*prolongation.space.cells.shape, 3))
         leaf, node = prolongation.space.example.T
         displacement = prolongation.injected(values[leaf, node, :3])
-        return StepStart(prolongation, displacement, values[..., 3:].copy(), self._history, self._approaches)
+        return StepStart(prolongation, displacement, values[..., 3:].copy(), self._history, self._motions)
 
     def _stages(self, number: int) -> Stages:
         """Stages of a step, reported to the user's progress."""

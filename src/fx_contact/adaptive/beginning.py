@@ -1,8 +1,8 @@
 """Start of a run from a refined forest with a displacement."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -22,7 +22,6 @@ from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm, check_count, check_number, check_same_comm, shown
 from fx_contact.scene.fingerprint import same_mesh, scene_parts
-from fx_contact.scene.rigid_faces import RigidFace
 from fx_contact.scene.scene import Scene, check_scene
 
 
@@ -36,13 +35,13 @@ class Beginning:
             [m], then any continuous fields of degree p, which are carried through refinement and partition.  In a run
             of another degree they are interpolated.
         history: None: the estimate has not been measured, as on root cells.
-        approaches: first guess of `StepRecord.approaches`; None: obstacles below forces begin where they touch.
+        motions: first guess of `StepRecord.motions`; None: obstacles below forces begin where they touch.
     """
 
     forest: Forest
     values: FloatArray
     history: RefinementHistory | None = None
-    approaches: Sequence[float | None] | None = None
+    motions: Mapping[str, Any] | None = None
 
     def check(self, scene: Scene, comm: MPI.Intracomm) -> None:
         """Raises SceneError unless a run of a scene can begin here.  Local."""
@@ -67,8 +66,8 @@ class Beginning:
             )
         if not np.isfinite(values).all():
             raise SceneError("the values of a Beginning must be finite: they are a first guess of the displacement")
-        if self.approaches is not None:
-            check_approaches(self.approaches, scene)
+        if self.motions is not None:
+            check_motions(self.motions, scene)
 
     def of_degree(self, degree: int) -> FloatArray:
         """The values as nodal values (n, (degree+1)^3, 3 + k) of a degree.  Local."""
@@ -139,26 +138,25 @@ class Beginning:
         history = RefinementHistory(step.history.effectivity, compared=True)
         refined, values = forest.refined_with(marked.astype(np.int8), np.tile(step.nodal_displacement, 2))
         assert values is not None, "given values are interpolated"
-        return cls(refined, values, history, step.record.approaches)
+        return cls(refined, values, history, step.record.motions)
 
 
-def check_approaches(approaches: object, scene: Scene) -> None:
-    """Raises SceneError unless it has an entry for each contact, tie and rigid load, None without an unknown motion."""
-    if not isinstance(approaches, Sequence) or len(approaches) != len(scene.interfaces):
+def check_motions(motions: object, scene: Scene) -> None:
+    """Raises SceneError unless it has a finite distance for each obstacle below a force, by the name of the pair."""
+    pairs = {pair.name: pair.motion for pair in scene.contact}
+    moved = [name for name, motion in pairs.items() if motion is not None]
+    if not isinstance(motions, Mapping) or not all(name in motions for name in moved):
+        wanted = ", ".join(map(repr, moved)) or "no contact pair"
         raise SceneError(
-            f"the approaches of a Beginning must be a list with an entry for each of the {len(scene.interfaces)} "
-            f"contact pairs, ties and rigid loads, got {shown(approaches)}"
+            f"the motions of a Beginning must be a dict with distances of {wanted}, got {shown(motions)}"
         )
-    for contact, distance in zip(scene.interfaces, approaches):
-        if isinstance(contact, RigidFace):
-            if np.shape(distance) != (6,):
-                raise SceneError(f"the approach of {contact.name!r} must be six numbers, got {shown(distance)}")
-        elif len(contact.loads):
-            check_number(f"the approach of {contact.name!r}", distance)
-        elif distance is not None:
+    for name in motions:
+        if name in moved:
+            check_number(f"the motion of {name!r}", motions[name])
+        elif name in pairs:
             raise SceneError(
-                f"{contact.name!r} has no given force in this scene, and so no approach, got {shown(distance)}: "
-                "dataclasses.replace(beginning, approaches=None) keeps mesh and displacement alone"
+                f"{name!r} has no given force in this scene, and so no motion, got {shown(motions[name])}: "
+                "dataclasses.replace(beginning, motions=None) keeps mesh and displacement alone"
             )
 
 

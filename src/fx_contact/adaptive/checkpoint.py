@@ -140,7 +140,7 @@ class State:
         values: (n, (p+1)^3, 3 + k) at the nodes of the leaves: displacement [m], then carried fields.
         estimate: its errors in the order of the leaves.
         refine: (n,), number of refinements of each leaf for contact, beside those for the estimate.
-        approaches: `StepRecord.approaches`.
+        motions: `StepRecord.motions`.
     """
 
     forest: Forest
@@ -148,14 +148,14 @@ class State:
     estimate: Estimate
     refine: Int8Array
     history: RefinementHistory
-    approaches: Sequence[float | None] | None
+    motions: Mapping[str, Any] | None
 
     @classmethod
     def of(cls, step: Step) -> "State":
         """The state after a step, without carried fields.  Collective on step.forest.comm."""
         error, at_edge = _by_leaf(step, step.estimate.error), _by_leaf(step, _at_edge(step))
         estimate = replace(step.estimate, error=error, energy=None, at_edge=at_edge)
-        refine, found = step.contact_error.refine, step.record.approaches
+        refine, found = step.contact_error.refine, step.record.motions
         return cls(step.forest, step.nodal_displacement, estimate, refine, step.history, found)
 
 
@@ -223,4 +223,4 @@ class Checkpoint:
         xi, omega, cells = content["estimate"]
         estimate = Estimate(error, None, xi, omega, cells, child_error(space.degree), at_edge)
         history = RefinementHistory(**content["history"])
-        return State(forest, values[space.cells], estimate, refine, history, self.records[-1].approaches)
+        return State(forest, values[space.cells], estimate, refine, history, self.records[-1].motions)

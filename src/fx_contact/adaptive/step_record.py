@@ -120,6 +120,18 @@ class TrueError:
     relative: float
 
 
+class Motions(dict[str, float | list[float]]):
+    """Motions by the names of interfaces; the name of its first surface will do."""
+
+    def __missing__(self, name: str) -> float | list[float]:
+        found = [known for known in self if known.startswith(f"{name} ")]
+        if len(found) == 1:
+            return self[found[0]]
+        raise KeyError(
+            f"{name!r} has no motion along a given force; {', '.join(map(repr, self)) or 'nothing'} has one"
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class StepRecord(SolveRecord, ContactFigures):
     """The figures of one adaptive step, with those of `SolveRecord` and `ContactFigures`; `print` shows a report.
@@ -148,9 +160,9 @@ class StepRecord(SolveRecord, ContactFigures):
         effectivity: estimate over true error [-], or None.
         resultants: of contact pairs, loads, conditions, and the balance of each body.
         goals: of the run.
-        approaches: for each contact pair, then each tie, how far its obstacle has moved from `moved` along the force on
-            it, or its section has closed [m], or None; then for each rigid load the motion of its surface, three
-            translations [m] and rotations [rad] about its point; None: there is none of them.
+        motions: found along given forces, by the names of contact pairs, ties and rigid loads: how far an obstacle has
+            moved from `moved`, or a section has closed [m]; of the surface of a rigid load three translations [m] and
+            rotations [rad] about its point.
         remote_rows: number of rows of contact and ties with nodes of other ranks.
         units: names of those of length and stress, as `Scene.units`.
     """
@@ -172,7 +184,7 @@ class StepRecord(SolveRecord, ContactFigures):
     effectivity: float | None = None
     resultants: tuple[Resultant, ...] | None = None
     goals: tuple[GoalRecord, ...] = ()
-    approaches: list[Any] | None = None
+    motions: Motions = field(default_factory=lambda: Motions())
     remote_rows: int = 0
     units: Units = None
 
@@ -184,6 +196,14 @@ class StepRecord(SolveRecord, ContactFigures):
         """Former name of `penetrated_leaves`."""
         warnings.warn("unseen_contact is now penetrated_leaves", DeprecationWarning, stacklevel=2)
         return self.penetrated_leaves
+
+    @property
+    def approaches(self) -> list[Any] | None:
+        """Former `motions`, a list with an entry for each contact pair, tie and rigid load."""
+        warnings.warn("approaches is now motions, by name", DeprecationWarning, stacklevel=2)
+        kinds = "contact", "tie", "rigid load"
+        names = (one.name for one in self.resultants or () if one.kind in kinds)
+        return [self.motions.get(name) for name in names] if self.motions else None
 
     @classmethod
     def from_json(cls, entries: dict[str, Any]) -> Self:
@@ -205,6 +225,7 @@ class StepRecord(SolveRecord, ContactFigures):
             elif value is not None:
                 rows = [{n: tuple(v) if isinstance(v, list) else v for n, v in row.items()} for row in value]
                 known[name] = (list if name == "doubts" else tuple)(kind(**row) for row in rows)
+        known["motions"] = Motions(known.get("motions", {}))
         if known.get("units") is not None:
             known["units"] = tuple(known["units"])
         return cls(**known)

@@ -90,10 +90,10 @@ def _lines(r: StepRecord) -> Iterator[str]:
 
 def _contacts(r: StepRecord) -> Iterator[str]:
     """A line for each contact pair."""
-    names = [repr(one.name) for one in r.resultants or () if one.kind == "contact"]
+    names = [one.name for one in r.resultants or () if one.kind == "contact"]
     for index, force in enumerate(r.pair_forces):
-        error, moved = r.pair_errors[index], r.approaches[index] if r.approaches else None
-        line = f"contact {names[index] if names else index}: "
+        error, moved = r.pair_errors[index], r.motions.get(names[index]) if names else None
+        line = f"contact {repr(names[index]) if names else index}: "
         line += f"force {force:.6g}{_unit(r, 'force')}" if force else "open"
         line += "" if error is None else f", estimated error {percent(error)}"
         yield line + ("" if moved is None else f", obstacle moved by {moved:.5g}{_unit(r, 'length')}")
@@ -104,9 +104,8 @@ def _resultants(r: StepRecord) -> Iterator[str]:
     shown = [one for one in r.resultants or () if one.kind not in ("contact", "balance")]
     largest = max([r.force, *(abs(value) for one in shown for value in one.force)])
     digits = _DIGITS - 1 - int(np.floor(np.log10(largest))) if largest else 0
-    motions = iter(r.approaches[len(r.pair_forces) :] if r.approaches else ())
     for one in shown:
-        motion = next(motions, None) if one.kind in ("tie", "rigid load") else None
+        motion = r.motions.get(one.name) if one.kind in ("tie", "rigid load") else None
         vector = ", ".join(f"{round(value, digits) + 0.0:.{_DIGITS}g}" for value in one.force)
         part = " on the modelled part" if one.kind == "symmetry" else ""
         yield f"{one.kind} {one.name!r}: force ({vector}){_unit(r, 'force')}{part}{_moved(r, motion)}"

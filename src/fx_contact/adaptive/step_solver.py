@@ -1,6 +1,6 @@
 """One adaptive step: discretise on a given forest, solve, estimate the errors, record."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.settings import GEOMETRY_SHARE, Settings
 from fx_contact.adaptive.step import Step
-from fx_contact.adaptive.step_record import StepRecord, record_of_solve
+from fx_contact.adaptive.step_record import Motions, StepRecord, record_of_solve
 from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
@@ -34,7 +34,7 @@ from fx_contact.fem.springs import Springs
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.law.contact_solver import ContactSolution, solve_system
-from fx_contact.law.settling import RowsAt, approaches, touching
+from fx_contact.law.settling import RowsAt, touching
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.errors import SolveError
@@ -62,14 +62,14 @@ class StepStart:
         displacement: (owned, 3), first guess [m].
         carried: (n, (p+1)^3, k), further fields at the nodes of the leaves.
         history: of the run so far.
-        approaches: `StepRecord.approaches` of the step before, if it is known.
+        motions: `StepRecord.motions` of the step before, if they are known.
     """
 
     prolongation: Prolongation
     displacement: FloatArray
     carried: FloatArray
     history: RefinementHistory
-    approaches: Sequence[Any] | None = None
+    motions: Mapping[str, Any] | None = None
 
     @property
     def forest(self) -> Forest:
@@ -138,7 +138,7 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         order = settings.geometry_order or sufficient_order(forest, GEOMETRY_SHARE * settings.tolerance)
         mesh = create_leaf_mesh(forest, order)
     with stages("assemble"):
-        rows, rows_at = _rows(settings, start)
+        rows, rows_at, distances = _rows(settings, start)
         prolongation = start.prolongation if rows is None else rows.prolongation
         elasticity = elasticity_of(scene, mesh, forest.cell[mesh.leaf], prolongation, stages)
     with stages("system"):
@@ -160,6 +160,7 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         coarse=coarse,
         volume=volume,
         rows_at=rows_at,
+        distances=distances,
     )
     return _Discrete(elasticity, problem, forces, totals)
 
@@ -175,20 +176,33 @@ def elasticity_of(
     return Elasticity(mesh, materials, scene.mesh.region[cells], prolongation, stages, layer, springs, strain)
 
 
-def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, RowsAt | None]:
-    """Rows of contact, with unknown motions where they begin, and as `ContactProblem.rows_at`."""
-    scene = settings.scene
-    if not any(len(interface.loads) for interface in scene.interfaces):
-        return create_rows(scene, start.prolongation, settings.enforcement) if scene.interfaces else None, None
-    known = columns_at_rest(scene, start.prolongation, settings.enforcement)
+class _Rows(NamedTuple):
+    """Rows of contact, and of obstacles below forces as in `ContactProblem`."""
 
-    def rows_at(distances: Sequence[Any]) -> ConstraintRows:
-        """Rows after unknown motions.  Collective."""
-        return create_rows(scene.approached(distances), start.prolongation, settings.enforcement, known)
+    rows: ConstraintRows | None
+    rows_at: RowsAt | None = None
+    distances: FloatArray = np.zeros(0)
 
-    if start.approaches is None:
-        return touching(scene, rows_at, start.displacement), rows_at
-    return rows_at(start.approaches), rows_at
+
+def _rows(settings: Settings, start: StepStart) -> _Rows:
+    """Rows of contact, with obstacles below forces where they were before, or where they touch.  Collective."""
+    scene, enforcement = settings.scene, settings.enforcement
+    moved = [pair.name for pair in scene.contact if pair.motion is not None]
+    if not moved:
+        return _Rows(create_rows(scene, start.prolongation, enforcement) if scene.interfaces else None)
+    known = columns_at_rest(scene, start.prolongation, enforcement)
+
+    def rows_at(distances: FloatArray) -> ConstraintRows:
+        """Rows with obstacles moved along the forces on them.  Collective."""
+        there = scene.approached(dict(zip(moved, map(float, distances))))
+        return create_rows(there, start.prolongation, enforcement, known)
+
+    before = start.motions or {}
+    if all(name in before for name in moved):
+        distances = np.array([before[name] for name in moved], dtype=np.float64)
+    else:
+        distances = touching(rows_at, len(moved), start.displacement)
+    return _Rows(rows_at(distances), rows_at, distances)
 
 
 def _assess(
@@ -242,8 +256,7 @@ def _estimate(
     error = estimator.error(field, 0.0 if touches else RIGID * solution.rounding, least=least)
     every = solution.rows
     rows = None if every is None or not scene.contact else every.part(Role.NORMAL)
-    ties = None if every is None or len(scene.interfaces) == len(scene.contact) else every.part(Role.EQUATION)
-    state = SolvedState(scene, forest, elasticity, field, rows, ties, solution, error.estimate)
+    state = SolvedState(scene, forest, elasticity, field, rows, solution, error.estimate)
     if rows is not None:
         state = replace(state, estimate=replace(error.estimate, at_edge=cells_at_edge(state)))
     return state, Goals(state, error, estimator, system, stages, bounds=not settings.goals)
@@ -316,7 +329,7 @@ def _record(
         doubts=assessed.warnings,
         resultants=assessed.resultants,
         goals=assessed.goals,
-        approaches=approaches(settings.scene, state.solution.rows),
+        motions=Motions(state.solution.motions),
         remote_rows=0 if state.solution.rows is None else state.solution.rows.remote,
         units=settings.scene.units,
     )

@@ -339,24 +339,6 @@ class ConstraintRows:
         approach = np.divide(total * compliance, area**1.5, out=np.zeros(count), where=area > 0)
         return total, np.sqrt(self.symmetry) * approach
 
-    @property
-    def rates(self) -> FloatArray:
-        """(k, n), w, penetration of the rows in each unknown motion: -n . d of an obstacle along its force d [-].
-
-        Local.
-        """
-        rates, start = np.zeros((len(self.pressed), len(self))), 0
-        for kind in self.kinds:
-            ours, count = self.contact == kind.index, len(kind.contact.loads)
-            rates[start : start + count, ours] = kind.contact.rates(self.normal[ours], self.position[ours])
-            start += count
-        return rates
-
-    @property
-    def pressed(self) -> list[int]:
-        """(k,), index of the contact or tie of each unknown motion along a force.  Local."""
-        return [kind.index for kind in self.kinds for _ in kind.contact.loads]
-
     def force_components(self, force: FloatArray) -> FloatArray:
         """Components (n,) [N] of normal forces (n,) along the direction of their contact, if it has one.  Local."""
         result = force.copy()

@@ -1,7 +1,9 @@
 """The discrete contact problem, and the user's options for its solution."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.enforcement import Enforcement
@@ -31,7 +33,9 @@ class ContactProblem:
         coarse: level below the matrix, for p-multigrid.
         volume: term of nearly incompressible bodies beside the matrix.
         before: (owned, 3), displacement after the load step before, from which tangents slip [m]; None: 0.
-        rows_at: the rows after unknown motions, as of `Scene.approached`; collective.  None: there are none.
+        rows_at: the rows for distances (k,) of obstacles along the forces on them [m]; collective.  None: there are no
+            such obstacles.
+        distances: (k,), where they begin [m].
     """
 
     matrix: BlockMatrix
@@ -43,7 +47,8 @@ class ContactProblem:
     coarse: CoarseLevel | None = None
     volume: VolumeTerm | None = None
     before: FloatArray | None = None
-    rows_at: Callable[[Sequence[float | None]], ConstraintRows] | None = None
+    rows_at: Callable[[FloatArray], ConstraintRows] | None = None
+    distances: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def linear_solver(self, solver: Solver, objects: PetscObjects) -> LinearSolver:
         """LinearSolver of K, which owns the matrix.  Collective on matrix.comm.  Raises errors as `LinearSolver`."""

@@ -10,6 +10,7 @@ from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import MatrixPenalty, PenaltyTerm
 from fx_contact.contact.projection import Projection
+from fx_contact.contact.row_motions import RowMotions
 from fx_contact.linalg.operator import Equations
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
@@ -79,7 +80,8 @@ class ContactSystem:
 
     A projection constrains rows that are rigid or stiffer than `ConstraintRows.capped_stiffness`, k_c; the latter yield
     in it.  The matrix has the springs of an earlier status, up to k_c (`MatrixPenalty`); rigid rows have k_c beside
-    their constraint, which changes nothing but rounding.
+    their constraint, which changes nothing but rounding.  Motions of interfaces that turn no normals are unknowns of
+    the projection, and their given forces are spread over the rows.
 
     Collective.
 
@@ -111,18 +113,25 @@ class ContactSystem:
         self._load, self._stages, self._options = load, stages, options.solver
         self.exact = options.enforcement.method == "exact"
         self._supports, self.energy_norm, self.comm = problem.supports, problem.energy_norm, problem.matrix.comm
-        self.jump, self.movable, self.capped_stiffness = jump, jump.movable, jump.rows.capped_stiffness
+        self.movable, self.capped_stiffness = jump.movable, jump.rows.capped_stiffness
         if problem.coarse is not None:
             problem.coarse.couple(jump.matrix.distributed())
         self.solver = problem.linear_solver(options.solver, objects)
-        self._projector = Projection(jump)
+        self._take(jump)
         self._in_matrix = MatrixPenalty(self.solver, problem.coarse, jump, active * self.capped_stiffness)
         self._is_set_up = False
         self._energy = 0.0  # of the last solution, twice [J]
 
     def exchange_rows(self, jump: Jump) -> None:
         """Go on with rows of the same nodes with other directions and gaps."""
-        self.jump, self._projector = jump, Projection(jump)
+        self._take(jump)
+
+    def _take(self, jump: Jump) -> None:
+        """Rows of a jump, and the constant motions of their interfaces."""
+        self.jump, self._motions = jump, RowMotions.of(jump.rows, turning=False)
+        motions = self._motions
+        self._moving, self._given = motions.moving, motions.spread() if len(motions) else None
+        self._projector = Projection(jump, motions.rates)
 
     def solve(self, springs: Springs, u: FloatArray, tolerance: float, anew: bool = False) -> FloatArray:
         """The displacement for springs in the rows, from a first guess, both (owned, 3) [m].
@@ -137,7 +146,9 @@ class ContactSystem:
         if anew or late or not self._is_set_up or self.solver.is_slow:
             self._set_up(springs)
         with self._stages("system"):
-            self.springs = springs
+            self.springs = springs = (
+                springs if self._given is None else springs + Springs(0.0 * self._given, None, self._given)
+            )
             self._shifted = self.jump if springs.shift is None else self.jump.shifted(springs.shift)
             force = 0.0 if springs.force is None else self.jump.transposed(springs.force)
             self._forced = self._load - force
@@ -165,7 +176,7 @@ class ContactSystem:
         """The displacement for the last springs, by the present preconditioner."""
         with self._stages("system"):
             equations = self._in_matrix.equations(
-                self._shifted, self._forced, self._finite(self.springs), self._projection
+                self._shifted, self._forced, self._in_operator(self.springs), self._projection
             )
         with self._stages("solve"):
             u = self._supports.tangential(self.solver.solve(equations, u, tolerance))
@@ -176,9 +187,13 @@ class ContactSystem:
         """(n,), springs in the matrix [N/m]."""
         return np.minimum(springs.stiffness, self.capped_stiffness)
 
-    def _finite(self, springs: Springs) -> FloatArray:
-        """(n,), springs in the operator: k_c beside the constraints of rigid rows [N/m]."""
-        return np.where(np.isinf(springs.stiffness), self.capped_stiffness, springs.stiffness)
+    def _beside(self, springs: Springs) -> FloatArray:
+        """(n,), springs up to k_c beside the projection, 0 in rows that move [N/m]."""
+        return np.where(self._moving & np.isinf(springs.stiffness), 0.0, self._capped(springs))
+
+    def _in_operator(self, springs: Springs) -> FloatArray:
+        """(n,), springs beside the projection, of rigid rows as `_beside` [N/m]."""
+        return np.where(np.isinf(springs.stiffness), self._beside(springs), springs.stiffness)
 
     def _set_up(self, springs: Springs) -> None:
         """Build the preconditioner for springs in the rows."""
@@ -210,20 +225,20 @@ class ContactSystem:
         jump, load = self.jump.with_gap(penetration), self._supports.free_part(load)
         projection = self._projection_of(jump)
         guess = projection.onto_closed(np.zeros_like(load) if z is None else z)
-        equations = self._in_matrix.equations(jump, load, self._finite(self.springs), projection)
+        equations = self._in_matrix.equations(jump, load, self._in_operator(self.springs), projection)
         z = self.solver.solve(equations, guess, max(tolerance, self._options.tolerance))
-        force = self._capped(self.springs) * jump.penetration(z) + self._projected_forces(jump, load, projection, z)
+        force = self._beside(self.springs) * jump.penetration(z) + self._projected_forces(jump, load, projection, z)
         return self._supports.tangential(z), force
 
     def _projected_forces(self, jump: Jump, load: FloatArray, projection: Projection, u: FloatArray) -> FloatArray:
         """Forces (n,) [N] of projected rows beside their springs up to k_c, which balance the residual."""
-        equations = self._in_matrix.equations(jump, load, self._capped(self.springs), projection)
+        equations = self._in_matrix.equations(jump, load, self._beside(self.springs), projection)
         return projection.apply_transpose(self.solver.residual(equations, u))
 
     def forces(self, u: FloatArray) -> FloatArray:
         """Forces (n,) [N] of the rows for the last solution u (owned, 3) [m].  Raises SolveError as `Projection`."""
         springs = self.springs
-        force = PenaltyTerm(self._shifted, self._capped(springs)).forces(u)
+        force = PenaltyTerm(self._shifted, self._beside(springs)).forces(u)
         force += self._projected_forces(self._shifted, self._forced, self._projection, u)
         return force if springs.force is None else force + springs.force
 
@@ -238,6 +253,8 @@ class ContactSystem:
         springs, normal = self.springs, self.jump.rows.role == Role.NORMAL
         held = springs.closed & ((self.jump.rows.role != Role.TANGENT) | np.isinf(springs.stiffness))
         left = self._shifted.penetration(self._projector.of(self._shifted, held).onto_closed(u))
+        if self._given is not None:
+            left = left + self._motions.found(left) @ self._motions.rates
         force = self.forces(u)
         opens = self._projection.closed & normal & (left < -self._rounding(force, u))
         trial = np.where(springs.closed & ~opens, force, PenaltyTerm(self.jump, self.capped_stiffness).forces(u))

@@ -21,14 +21,20 @@ class Projection:
     then as well conditioned as K.  The Gram matrix B W^-1 B^T is diagonal if no component of a node is in two rows.
     Equal rows share their force by area.
 
+    With rates w of unknown motions t the rows satisfy B u = D - w^T t for some t, and their forces w f = 0:
+    f = G^-1 v - Y (w Y)^-1 w G^-1 v with G the Gram matrix, Y = G^-1 w^T.
+
     Collective on the prolongation's comm.
 
+    Args:
+        rates: (k, n), w [-].
+
     Attributes:
-        closed: (n,), the rows with B P = 0, none at first.
+        closed: (n,), the rows with B P = 0, by `of`.
         rigid: no closed row is a spring.
 
     Raises:
-        SolveError: in all products, if the Gram system is not solved in `_ITERATIONS` iterations.
+        SolveError: in `of` and in all products, if the Gram system is not solved in `_ITERATIONS` iterations.
     """
 
     #: Most iterations and relative residual of the Gram system.  Node pairs take as many iterations as a node has
@@ -37,8 +43,9 @@ class Projection:
     #: Rayleigh quotients of that system, relative to its diagonal, up to which they are the rounding of 0.
     _SINGULAR = 1e-14
 
-    def __init__(self, jump: Jump) -> None:
+    def __init__(self, jump: Jump, rates: FloatArray | None = None) -> None:
         rows, entries = jump.rows, jump.rows.entries
+        self._rates = np.zeros((0, len(rows))) if rates is None else rates
         self._jump, self._comm = jump, jump.comm
         weighted = jump.values / _weights(rows)[:, None]
         self._weighted = Products(rows, weighted)
@@ -48,7 +55,6 @@ class Projection:
         most = float(rows.prolongation.summed(count).max(initial=0.0))
         self._shared = self._comm.allreduce(most, op=MPI.MAX) > 1
         self._share: FloatArray | float = rows.area / rows.node_area if self._shared else 1.0
-        self._close(np.zeros(len(rows), dtype=bool), np.ones(len(rows)))
 
     def of(self, jump: Jump, active: BoolArray, stiffness: FloatArray | None = None) -> Projection:
         """The projection of active rows (n,), without those whose jump conditions prescribe, onto B u = D of a jump.
@@ -68,27 +74,42 @@ class Projection:
         self._scale = self._inverse * self._share
         self._compliance = np.divide(1.0, stiffness, out=np.zeros(len(closed)), where=closed)
         self.rigid = not any_true(self._comm, self._compliance != 0)
+        self._moved: tuple[FloatArray, FloatArray] | None = None  # Y^T, and (w Y)^-1
+        if len(self._rates):
+            rates = np.where(closed, self._rates, 0.0)
+            moved = np.stack([self._solve_gram(rate) for rate in rates])
+            self._moved = moved, np.linalg.pinv(self._comm.allreduce(rates @ moved.T), hermitian=True)
 
     def onto_closed(self, u: FloatArray) -> FloatArray:
         """The displacement (owned, 3) [m] nearest to u in the norm of W with B u = D, or least |B u - D|, if closed."""
         u = u.copy()
-        self._weighted.add_transposed(self._solve_gram(self._jump.gap - self._jump.matrix.times(u)), u)
+        self._weighted.add_transposed(self._forces(self._jump.gap - self._jump.matrix.times(u)), u)
         return u
 
     def apply(self, u: FloatArray) -> None:
         """u := P u, (owned, 3) [m], contiguous."""
-        self._weighted.add_transposed(-self._solve_gram(self._jump.matrix.times(u)), u)
+        self._weighted.add_transposed(-self._forces(self._jump.matrix.times(u)), u)
 
     def apply_transpose(self, f: FloatArray) -> FloatArray:
         """f := P^T f, (owned, 3) [N], contiguous; returns the forces (n,) [N] of closed rows that balance the rest."""
-        forces = self._solve_gram(self._weighted.times(f))
+        forces = self._forces(self._weighted.times(f))
         self._jump.matrix.add_transposed(-forces, f)
         return forces
 
     def add_yielding(self, forces: FloatArray, u: FloatArray) -> None:
         """u (owned, 3) [m] += the displacement with B u = f / k on closed rows with a penalty."""
         if not self.rigid:
-            self._weighted.add_transposed(self._solve_gram(self._compliance * forces), u)
+            self._weighted.add_transposed(self._forces(self._compliance * forces), u)
+
+    def _forces(self, values: FloatArray) -> FloatArray:
+        """Forces (n,) [N] of closed rows whose displacement W^-1 B^T f has these jumps (n,) [m], but for motions."""
+        forces = self._solve_gram(values)
+        if self._moved is None:
+            return forces
+        moved, inverse = self._moved
+        return np.asarray(
+            forces - self._comm.allreduce(self._rates @ np.where(self.closed, forces, 0.0)) @ inverse @ moved
+        )
 
     def _solve_gram(self, values: FloatArray) -> FloatArray:
         """(B W^-1 B^T)^-1 values on the closed rows, by conjugate residuals if not diagonal.  Raises SolveError."""

@@ -18,9 +18,10 @@ contact, which the mesh places at nodes (`contact_edge`).
 
 A lightly loaded contact is thus refined where its force arises, whatever energy other loads store.
 
-Unknown motions along given forces, of obstacles, sections and rigid faces, give way in dual problems too.  With their
-rates v and the solutions z_v, m_v of `law.settling` the dual solution is z + c z_v, where v . (m + c m_v) = 0.  The
-force on an obstacle is known: its error is that of the distance times the stiffness.
+Unknown motions along given forces give way in dual problems too: those of sections and rigid faces in the linear
+system, those of obstacles with their rates v and the solutions z_v, m_v of `law.settling` by the dual solution
+z + c z_v, where v . (m + c m_v) = 0.  The force on an obstacle is known: its error is that of the distance times the
+stiffness.
 
 Sources: J. T. Oden, S. Prudhomme, Comput. Math. Appl. 41, 2001; R. Becker, R. Rannacher, Acta Numer. 10, 2001;
 reactions: W. Bangerth, R. Rannacher, Adaptive Finite Element Methods for Differential Equations, Birkhaeuser, 2003,
@@ -33,8 +34,8 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import Role
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
+from fx_contact.contact.row_motions import RowMotions
 from fx_contact.estimate.contact_edge import ContactEdge
 from fx_contact.estimate.estimator import DisplacementError, Estimate, Estimator
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
@@ -128,7 +129,9 @@ class Goals:
             stages,
         )
         self._comm = state.forest.comm
-        settles = state.solution.rows is not None and bool(state.solution.rows.pressed)
+        rows = state.solution.rows
+        self._motions = None if rows is None else RowMotions.of(rows, turning=True)
+        settles = self._motions is not None and len(self._motions) > 0
         self._tolerances = (_LOOSE, _TIGHT) if bounds and system.exact and not settles else (_TIGHT,)
 
     @cached_property
@@ -144,13 +147,12 @@ class Goals:
     @cached_property
     def _of_obstacles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """z_v (k, owned, 3), m_v and v, both (k, n), of obstacles that settle.  Collective at the first call."""
-        solution, system = self._state.solution, self._system
-        assert solution.rows is not None and isinstance(system, ContactSystem)
-        rows, closed = solution.rows, (solution.rows.role == Role.EQUATION) & system.movable
-        closed[: len(solution.active)] |= solution.active & system.movable[: len(solution.active)]
-        guess = np.zeros((len(rows.pressed), *self._state.solution.displacement.shape))
+        motions, system = self._motions, self._system
+        assert motions is not None and isinstance(system, ContactSystem)
+        closed = system.springs.closed & system.movable
+        guess = np.zeros((len(motions), *self._state.solution.displacement.shape))
         with self._stages("solve"):
-            return *sensitivities(system, rows, closed, _TIGHT, guess), np.where(closed, rows.rates, 0.0)
+            return *sensitivities(system, motions, closed, _TIGHT, guess), np.where(closed, motions.rates, 0.0)
 
     def of(self, functional: Functional, allowed: float) -> Goal:
         """A quantity of interest and its error.
@@ -167,12 +169,12 @@ class Goals:
         for tolerance in self._tolerances:
             with self._stages("solve"):
                 y, force = self._system.dual(load, penetration, tolerance, y)
-            rows, moved = self._state.solution.rows, None
-            if rows is not None and rows.pressed and not functional.fixed:
+            motions, moved = self._motions, None
+            if motions is not None and len(motions) and not functional.fixed:
                 z, m, rates = self._of_obstacles
                 sums = self._comm.allreduce(rates @ np.column_stack([force, m.T]))
                 share = np.linalg.solve(sums[:, 1:], -sums[:, 0])
-                y, force, moved = y + np.tensordot(share, z, axes=1), force + share @ m, share @ rows.rates
+                y, force, moved = y + np.tensordot(share, z, axes=1), force + share @ m, share @ motions.rates
             goal = self._estimated(functional, y, force, moved)
             bound = goal.total + tolerance * self._error.estimate.error_global * goal.dual.energy_norm
             if tolerance == _LOOSE and bound <= allowed:
@@ -198,18 +200,16 @@ class Goals:
 
         K y + B^T m = l - K w, B y = d - B w, and y = 0 at prescribed components.
         """
-        elasticity, pairs, ties = self._state.elasticity, self._state.rows, self._state.ties
+        elasticity, rows = self._state.elasticity, self._state.solution.rows
         shape = self._state.solution.displacement.shape
         load = np.zeros(shape) if functional.load is None else functional.load
-        penetration, w = functional.penetration, functional.prescribed
-        if penetration is None:
-            penetration = np.zeros(0 if pairs is None else len(pairs))
+        penetration: FloatArray = np.zeros(0 if rows is None else len(rows))
+        w = functional.prescribed
+        if functional.penetration is not None:
+            penetration[: len(functional.penetration)] = functional.penetration
         if w is not None:
             load = load - elasticity.internal_forces(elasticity.field(w))
-            penetration = penetration if pairs is None else penetration - pairs.jump(w)
-        if ties is not None:
-            of_ties = np.zeros(len(ties)) if w is None else -ties.jump(w)
-            penetration = np.concatenate([penetration, of_ties])
+            penetration = penetration if rows is None else penetration - rows.jump(w)
         return load, penetration
 
 

@@ -26,10 +26,8 @@ def nodal_residual(state: SolvedState, load: FloatArray) -> FloatArray:
     Collective on state.forest.comm.
     """
     residual: FloatArray = state.elasticity.internal_forces(state.field) - load
-    if state.rows is not None:
-        residual += state.rows.transposed(state.solution.force)
-    if state.ties is not None:
-        residual += state.ties.transposed(state.solution.tie_force)
+    if state.solution.rows is not None:
+        residual += state.solution.rows.transposed(state.solution.row_force)
     return residual
 
 

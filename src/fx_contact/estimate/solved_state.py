@@ -17,8 +17,7 @@ class SolvedState:
 
     Attributes:
         field: u at all nodes [m].
-        rows: of all contacts; None without contact.
-        ties: rows of all ties, three a node, with the forces `solution.tie_force`; None without ties.
+        rows: normals of all contacts; None without contact.  All rows, with tangents and equations: `solution.rows`.
     """
 
     scene: Scene
@@ -26,6 +25,5 @@ class SolvedState:
     elasticity: Elasticity
     field: DisplacementField
     rows: ConstraintRows | None
-    ties: ConstraintRows | None
     solution: ContactSolution
     estimate: Estimate

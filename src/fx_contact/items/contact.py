@@ -2,10 +2,11 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
+from fx_contact.items.motions import Approach, Motion
 from fx_contact.items.obstacles import Obstacle, RigidPlane
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
@@ -37,29 +38,17 @@ class Contact(ABC):
     force: tuple[float, float, float] | None = None
 
     @property
-    def loads(self) -> FloatArray:
-        """(k,), given forces along unknown motions [N]."""
-        return np.zeros(0)
-
-    def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
-        """(k, n), penetration of rows with normals (n, 3) at (n, 3) [m] in each unknown motion [-].  Local."""
-        return np.zeros((len(self.loads), len(normals)))
-
-    def opening(self, positions: FloatArray) -> FloatArray | None:
-        """Gap vectors (n, 3) [m] of rows that are equations at positions (n, 3) [m]; None: 0.  Local."""
+    def motion(self) -> Motion | None:
+        """Unknown motions along given forces, if there are any."""
         return None
 
-    def approached(self, distances: Any) -> Self:
-        """The contact after unknown motions, as in `StepRecord.approaches`.  Local."""
+    def approached(self, distance: float) -> Self:
+        """The contact whose obstacle has moved along its force by a distance [m].  Local."""
         return self
 
-    def along(self, distances: FloatArray) -> float | list[float]:
-        """The entry in `StepRecord.approaches` of distances (k,) [m].  Local."""
-        return float(distances[0])
-
-    def approach_from(self, begin: "Contact") -> FloatArray:
-        """The distances (k,) of the unknown motions since a contact of the same place [m].  Local."""
-        return np.zeros(len(self.loads))
+    def opening(self, positions: FloatArray) -> FloatArray | None:
+        """Given gap vectors (n, 3) [m] of rows that are equations at positions (n, 3) [m]; None: 0.  Local."""
+        return None
 
     @property
     @abstractmethod
@@ -190,26 +179,17 @@ class ContactPair(Contact):
         return [self.first, *self.obstacle.data, *numbers, *direction, *force]
 
     @property
-    def loads(self) -> FloatArray:
-        """(1,), length of the force on the obstacle [N], or none."""
-        return np.zeros(0) if self.force is None else np.array([np.linalg.norm(self.force)])
-
-    def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
-        """As `Contact.rates`: w = -n . d as the obstacle moves along its force d."""
+    def motion(self) -> Approach | None:
+        """As `Contact.motion`: the obstacle along the force on it."""
         if self.force is None or self.unit_direction is None:
-            return np.zeros((0, len(normals)))
-        return np.asarray(normals @ self.unit_direction)[None]
+            return None
+        return Approach(self.unit_direction, float(np.linalg.norm(self.force)))
 
-    def approached(self, distances: Any) -> Self:
-        """The pair whose obstacle has moved along its force by a distance [m].  Local."""
+    def approached(self, distance: float) -> Self:
+        """As `Contact.approached`.  Local."""
         assert self.unit_direction is not None, "against the force"
-        x, y, z = np.array(self.moved) - distances * self.unit_direction
+        x, y, z = np.array(self.moved) - distance * self.unit_direction
         return replace(self, moved=(float(x), float(y), float(z)))
-
-    def approach_from(self, begin: Contact) -> FloatArray:
-        """Distance of the obstacle along its force, (1,) [m].  Local."""
-        assert isinstance(begin, ContactPair) and self.unit_direction is not None
-        return np.array([-self.unit_direction @ np.subtract(self.moved, begin.moved)])
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distances (n,) [m] of points (n, 3) [m] from the moved obstacle, and unit normals (n, 3) into it.

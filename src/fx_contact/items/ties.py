@@ -1,11 +1,12 @@
 """Ties of a scene: surfaces that are glued.  Their constraint rows are those of contact, along each axis."""
 
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
-from fx_contact.items.contact import Contact, Coupling
+from fx_contact.items.contact import Coupling
+from fx_contact.items.motions import Closing
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_direction, check_number, check_vector
@@ -62,7 +63,7 @@ class Preload(Tie):
     """A cut through a bolt whose sides are pulled together: u_1 - u_2 = t n, with n the axis, by a tension or by t.
 
     The section is plane, across the axis.  With a `tension` the closing t is an unknown; a second scene whose `closing`
-    is that of the first (`StepRecord.approaches`) and whose tension is None is the tightened bolt below other loads.
+    is that of the first (`StepRecord.motions`) and whose tension is None is the tightened bolt below other loads.
 
     Raises SceneError as `Tie`, for an axis that is no direction, and for numbers that are not finite, or a tension that
     is not positive.
@@ -72,7 +73,7 @@ class Preload(Tie):
         axis: of the bolt, from the first side to the second, of any length [-].
         tension: in the section, of all symmetric parts as forces in the records: of two bolts if one is modelled beside
             a symmetry plane [N].  None: the closing is given.
-        closing: t, by which the bolt is shortened [m]; with a tension the first guess.
+        closing: t, by which the bolt is shortened [m]; ignored beside a tension.
     """
 
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -96,30 +97,22 @@ class Preload(Tie):
         return check_direction("the axis", self.axis)
 
     @property
-    def loads(self) -> FloatArray:
-        """(1,), the tension [N], or none."""
-        return np.zeros(0) if self.tension is None else np.array([self.tension])
+    def motion(self) -> Closing | None:
+        """As `Contact.motion`: the closing, with a tension."""
+        return None if self.tension is None else Closing(self.unit_axis, float(self.tension))
 
-    def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
-        """As `Contact.rates`: D = t n . e of the row along e."""
-        return np.tile(-normals @ self.unit_axis, (len(self.loads), 1))
-
-    def opening(self, positions: FloatArray) -> FloatArray:
-        """As `Contact.opening`: t n."""
-        return np.tile((self.closing or 0.0) * self.unit_axis, (len(positions), 1))
+    def opening(self, positions: FloatArray) -> FloatArray | None:
+        """As `Contact.opening`: t n; with a tension the closing is unknown."""
+        return (
+            None
+            if self.closing is None or self.tension is not None
+            else np.tile(self.closing * self.unit_axis, (len(positions), 1))
+        )
 
     def reversed(self) -> Self:
         """The section with the second side first."""
         x, y, z = self.axis
         return replace(self, first=self.second, second=self.first, axis=(-x, -y, -z))
-
-    def approached(self, distances: Any) -> Self:
-        """The section closed by a distance [m].  Local."""
-        return replace(self, closing=float(distances))
-
-    def approach_from(self, begin: Contact) -> FloatArray:
-        """Closing t of the section, (1,) [m].  Local."""
-        return np.array([self.closing or 0.0])
 
     @property
     def data(self) -> list[str | float]:

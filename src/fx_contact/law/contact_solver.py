@@ -10,6 +10,7 @@ from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
+from fx_contact.contact.row_motions import RowMotions
 from fx_contact.law.active_set import solve_law
 from fx_contact.law.initial_guess import move_bodies, relax
 from fx_contact.law.settling import settle
@@ -23,20 +24,20 @@ from fx_contact.parallel.timing import Stages
 
 @dataclass(frozen=True, eq=False)
 class ContactSolution:
-    """Result of the contact loop; n normals, k tangents and m equations, in this order among all rows.
+    """Result of the contact loop; n normals, which come first among all rows, and m tangents and equations.
 
     Attributes:
         rows: of the problem, or where the obstacles have settled; None without contact.
         displacement: (owned, 3), conforming [m].
         active: (n,), closed rows.
-        force: (n,), compression positive [N]; 0 in rows whose nodes are all constrained.
         pressure: (n,), `ConstraintRows.pressure` [Pa].
         penetration: (n,), B u - D, positive where the bodies penetrate [m].
         contact_iterations: number of active sets.
         krylov_iterations: of each linear solve.
         preconditioner: of the last solve, as `LinearSolver.preconditioner`.
-        tangential_force: (k,), of the first side on the second along each tangent [N].
-        tie_force: (m,), pressure positive, tension negative, shear of either sign [N].
+        row_force: (n + m,), of all rows, of the first side on the second along their directions; 0 in rows whose nodes
+            are all constrained [N].
+        motions: found along given forces, by the names of interfaces, as in `StepRecord.motions`.
         energy_error: bound of the linear solver's error in the energy norm [J^(1/2)].
         rounding: bound of the energy norm (4) of a rigid motion, by rounding [J^(1/2)].
     """
@@ -44,16 +45,20 @@ class ContactSolution:
     rows: ConstraintRows | None
     displacement: FloatArray
     active: BoolArray
-    force: FloatArray
     pressure: FloatArray
     penetration: FloatArray
     contact_iterations: int
     krylov_iterations: list[int]
     preconditioner: str
-    tangential_force: FloatArray
-    tie_force: FloatArray
+    row_force: FloatArray
+    motions: dict[str, float | list[float]]
     energy_error: float
     rounding: float
+
+    @property
+    def force(self) -> FloatArray:
+        """(n,), contact forces, compression positive [N]."""
+        return self.row_force[: len(self.active)]
 
 
 def solve_contact(
@@ -88,6 +93,7 @@ def solve_system(
     rows, matrix, comm = problem.rows, problem.matrix.mat, problem.matrix.comm
     system: ContactSystem | LinearSystem
     active: BoolArray
+    motions: dict[str, float | list[float]] = {}
     u = problem.supports.admissible(start)
     with stages("system"):
         jump = None if rows is None else Jump(rows, problem.supports)
@@ -101,7 +107,7 @@ def solve_system(
             u = system.solve(load, u, options.solver.tolerance)
         error = system.solver.energy_error
         active, count = np.zeros(0, dtype=bool), 1
-        force, pressure, penetration, tangential, tied = np.zeros((5, 0))
+        force, pressure, penetration = np.zeros((3, 0))
     else:
         with stages("solve"):
             carried = comm.allreduce(bool(start.any()), op=MPI.LOR)
@@ -112,26 +118,26 @@ def solve_system(
             u, trial = solve_law(system, law, u, options.solver)
             error = system.solver.energy_error
         else:
-            jump, u, trial, error = settle(problem, jump, system, law, u, options.solver)
+            distances, jump, u, trial, error = settle(problem, jump, system, law, u, options.solver)
             rows = jump.rows
+            motions |= RowMotions.of(rows, turning=True).entries(distances)
         law.check_supported()
-        penetration, count = rows.penetration(u), law.updates
+        penetration, count, constant = rows.penetration(u), law.updates, RowMotions.of(rows, turning=False)
+        motions |= constant.entries(constant.found(penetration))
         force = np.where(law.springs().closed & jump.movable, trial, 0.0)
-        (force, tangential, tied), normal = (force[rows.role == role] for role in Role), law.normal
-        active, penetration = law.active[normal], penetration[normal]
-        pressure = rows.part(Role.NORMAL).pressure(force)
+        active, penetration = law.active[law.normal], penetration[law.normal]
+        pressure = rows.part(Role.NORMAL).pressure(force[law.normal])
     solution = ContactSolution(
         rows=rows,
         displacement=u,
         active=active,
-        force=force,
         pressure=pressure,
         penetration=penetration,
         contact_iterations=count,
         krylov_iterations=list(system.solver.iterations),
         preconditioner=system.solver.preconditioner,
-        tangential_force=tangential,
-        tie_force=tied,
+        row_force=force,
+        motions=motions,
         energy_error=error,
         rounding=ROUNDING * float(np.sqrt(comm.allreduce(float(((root * u) ** 2).sum())))),
     )

@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_system import Springs
+from fx_contact.contact.row_motions import RowMotions
 from fx_contact.law.tangential import tangential_status
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
@@ -58,7 +59,7 @@ class Unilateral:
         self._comm = rows.prolongation.comm
         self.updates, self.of_others = 1, 0
         self._always, self.normal = rows.role == Role.EQUATION, rows.role == Role.NORMAL
-        self._tangents = tangential_status(rows, before)
+        self._tangents, self._motions = tangential_status(rows, before), RowMotions.of(rows, turning=False)
         penetration = rows.penetration(u)
         deepest, rounding = self._largest(penetration), self._TOUCHING * self._max(np.abs(u))
         closed = self.normal & (penetration >= min(deepest, 0.0) - rounding)
@@ -81,7 +82,8 @@ class Unilateral:
     def springs(self, active: BoolArray | None = None) -> Springs:
         """Springs of the rows for closed normals and equations (n,), by default the present ones.  Local."""
         active = self.active if active is None else active
-        springs = Springs(np.where(active, np.inf if self._exact else self._rows.stiffness, 0.0))
+        rigid = self._exact | self._motions.moving
+        springs = Springs(np.where(active, np.where(rigid, np.inf, self._rows.stiffness), 0.0))
         for tangents in self._tangents:
             springs = springs + tangents.springs(active)
         return springs
@@ -184,9 +186,8 @@ class Unilateral:
             return []
         motions, position, normal = self._scene.rigid_motions, rows.position[active], rows.normal[active]
         first, second = (motions.free_along(position, bodies, normal) for bodies in rows.bodies[active].T)
-        resistance = (first - second).T @ (first - second)
-        self._comm.Allreduce(MPI.IN_PLACE, resistance)
-        return list(motions.unresisted(resistance))
+        resisted = np.hstack([first - second, self._motions.rates[:, active].T])  # sections and faces give way
+        return list(motions.unresisted(self._motions.sum(resisted.T @ resisted)))
 
     def _largest(self, values: FloatArray) -> float:
         """Largest of values (n,) in rows that may open."""

@@ -268,8 +268,10 @@ class Sweep:
 
 def _same_root(state: State, scene: Scene) -> bool:
     """True if a state is on the root mesh of a scene, with its contact pairs, and forces on the same obstacles."""
-    forest, pressed = state.forest, [len(interface.loads) > 0 for interface in scene.interfaces]
-    if [t is not None for t in state.approaches or [None] * len(pressed)] != pressed:
+    forest, pressed = state.forest, {pair.name: pair.motion is not None for pair in scene.contact}
+    if {name for name in state.motions or () if name in pressed} != {
+        name for name, moved in pressed.items() if moved
+    }:
         return False
     return same_mesh(forest.mesh, scene.mesh) and forest.stands_on(scene.pairing, scene.contact_surfaces)
 
@@ -290,9 +292,9 @@ def carried_over(state: State, tolerance: float, control: ErrorControl, kind: st
     merges = _merges(estimate.error**2, allowed / estimate.child_error**2, estimate.child_error, forest.level)
     history = RefinementHistory(history.effectivity)
     if not forest.comm.allreduce(bool(merges.any()), op=MPI.LOR):
-        return Beginning(forest, state.values, history, state.approaches)
+        return Beginning(forest, state.values, history, state.motions)
     merged = coarsened(forest, forest.level - merges, kind)
-    return Beginning(merged, _on_nodes(forest, state.values, merged), history, state.approaches)
+    return Beginning(merged, _on_nodes(forest, state.values, merged), history, state.motions)
 
 
 def _merges(error2: FloatArray, allowed: float, child_error: float, level: Int8Array) -> Int8Array:

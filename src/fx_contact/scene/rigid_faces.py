@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fx_contact.items.contact import Contact, Coupling
+from fx_contact.items.contact import Coupling
+from fx_contact.items.motions import FaceMotion, rigid_motions
 from fx_contact.items.rigid_loads import RigidLoad
 from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
@@ -23,27 +23,15 @@ _ROUNDING = 1e-10, 1e-9
 
 @dataclass(frozen=True, eq=False)
 class RigidFace(Coupling):
-    """The surface of a RigidLoad in a scene, with k motions that its conditions allow: rows of all its nodes.
-
-    Rotations are about the centroid, wherever the load's point is: the stiffness of the motions is well conditioned.
-
-    Attributes:
-        surface: name.
-        centroid: of the surface [m].
-        lever: (3,), from the centroid to the load's point c [m].
-        size: L, of the surface [m].
-        basis: (6, k), orthonormal, of the motions (t, L r) of the centroid [m].
-        given: (6,), generalised forces (F, M / L) about the centroid [N].
-        motion: (6,), (t, L r) of the centroid [m].
-    """
+    """The surface of a RigidLoad in a scene: rows of all its nodes, with the motions that its conditions allow."""
 
     surface: str
-    centroid: FloatArray
-    lever: FloatArray
-    size: float
-    basis: FloatArray
-    given: FloatArray
-    motion: FloatArray
+    face_motion: FaceMotion
+
+    @property
+    def motion(self) -> FaceMotion:
+        """As `Contact.motion`."""
+        return self.face_motion
 
     @property
     def surfaces(self) -> tuple[str, ...]:
@@ -64,35 +52,6 @@ class RigidFace(Coupling):
     def label(self) -> str:
         """Name in messages."""
         return f"rigid load {self.surface!r}"
-
-    @property
-    def loads(self) -> FloatArray:
-        """(k,), generalised forces along the motions [N]."""
-        return np.asarray(self.basis.T @ self.given)
-
-    def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
-        """As `Contact.rates`."""
-        return -self.basis.T @ np.einsum("mni,ni->mn", _motions(positions, self.centroid, self.size), normals)
-
-    def opening(self, positions: FloatArray) -> FloatArray:
-        """As `Contact.opening`: the displacement of the face."""
-        return np.asarray(np.einsum("m,mni->ni", self.motion, _motions(positions, self.centroid, self.size)))
-
-    def approached(self, distances: Sequence[float]) -> Self:
-        """The face moved on by (t, r) of the load's point, six numbers [m], [rad].  Local."""
-        t, r = np.asarray(distances, dtype=np.float64).reshape(2, 3)
-        motion = np.concatenate([t - np.cross(r, self.lever), self.size * r])
-        return replace(self, motion=self.motion + self.basis @ (self.basis.T @ motion))
-
-    def along(self, distances: FloatArray) -> list[float]:
-        """(t, r) of the load's point, six numbers [m], [rad], of k distances [m]."""
-        t, r = (self.basis @ distances).reshape(2, 3) / np.array([[1.0], [self.size]])
-        return [float(value) for value in (*(t + np.cross(r, self.lever)), *r)]
-
-    def approach_from(self, begin: Contact) -> FloatArray:
-        """The k distances since a face of the same place [m].  Local."""
-        assert isinstance(begin, RigidFace)
-        return np.asarray(self.basis.T @ (self.motion - begin.motion))
 
 
 def rigid_face(scene: Scene, load: RigidLoad) -> RigidFace:
@@ -132,7 +91,7 @@ def rigid_face(scene: Scene, load: RigidLoad) -> RigidFace:
             f"{load.what} has the components {lost * np.repeat([1, far], 3)} of force and moment in "
             "directions that symmetry planes or conditions at its rim hold: leave these out, or model the whole"
         )
-    return RigidFace(load.surface, centroid, lever, size, basis, given, np.zeros(6))
+    return RigidFace(load.surface, FaceMotion(centroid, lever, size, basis, given))
 
 
 def _held(scene: Scene, load: RigidLoad, nodes: Int64Array, centroid: FloatArray, size: float) -> FloatArray:
@@ -143,17 +102,11 @@ def _held(scene: Scene, load: RigidLoad, nodes: Int64Array, centroid: FloatArray
     prescribed = scene.prescribed(scene.mesh.points)[nodes]
     if np.nan_to_num(prescribed).any():
         raise SceneError(f"{load.what} and a condition both move nodes: let them share none, or hold those at 0")
-    motions = _motions(scene.mesh.points[nodes], centroid, size)
+    motions = rigid_motions(scene.mesh.points[nodes], centroid, size)
     held = [motions[:, ~np.isnan(prescribed[:, axis]), axis] for axis in range(3)]
     for surface, normal in symmetry_planes(scene):
         on = nodes[np.isin(nodes, scene.place(surface))][:1]
         inside = np.linalg.svd(normal[None])[2][1:]  # two directions in the plane
         there = scene.mesh.points[on][:, None] + size * np.concatenate([np.zeros((1, 3)), inside])
-        held.append(_motions(there.reshape(-1, 3), centroid, size) @ normal)
+        held.append(rigid_motions(there.reshape(-1, 3), centroid, size) @ normal)
     return np.concatenate(held, axis=1)
-
-
-def _motions(points: FloatArray, centre: FloatArray, size: float) -> FloatArray:
-    """Three translations, and three rotations about a centre by 1 / size, of points (n, 3): (6, n, 3) [-]."""
-    translations = np.broadcast_to(np.eye(3)[:, None], (3, len(points), 3))
-    return np.concatenate([translations, np.cross(np.eye(3)[:, None], (points - centre) / size)])

@@ -1,6 +1,6 @@
 """Contact problem: materials, conditions, loads and contacts on a root mesh; frozen and validated.  All is local."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -283,18 +283,16 @@ class Scene:
         """Values of all conditions and loads: numbers, triples, or functions of position.  Local."""
         conditions = (value for c in self.conditions if isinstance(c, Dirichlet) for value in (c.x, c.y, c.z))
         loads = (load.value for load in (*self.tractions, *self.body_forces, *self.strains))
-        forces = (value for interface in self.interfaces for value in interface.loads)
+        motions = (interface.motion for interface in self.interfaces)
+        forces = (value for motion in motions if motion is not None for value in motion.loads)
         closings = (tie.closing for tie in self.ties if isinstance(tie, Preload))
         return tuple(value for value in (*conditions, *loads, *forces, *closings) if value is not None)
 
-    def approached(self, distances: Sequence[Any]) -> "Scene":
-        """The scene after the unknown motions of `interfaces`, as `StepRecord.approaches`; None: not moved.  Local."""
-        other, count = copy(self), len(self.contact)  # with what is known of surfaces and bodies, which do not move
-        pairs = zip(self.interfaces, distances, strict=True)
-        moved = tuple(c if t is None else c.approached(t) for c, t in pairs)
-        object.__setattr__(other, "contact", moved[:count])
-        object.__setattr__(other, "ties", moved[count : count + len(self.ties)])
-        object.__setattr__(other, "rigid_faces", moved[count + len(self.ties) :])
+    def approached(self, distances: Mapping[str, float]) -> "Scene":
+        """The scene with obstacles moved along the forces on them [m], by the names of their pairs.  Local."""
+        other = copy(self)  # with what is known of surfaces and bodies, which do not move
+        moved = (pair.approached(distances[pair.name]) if pair.name in distances else pair for pair in self.contact)
+        object.__setattr__(other, "contact", tuple(moved))
         return other
 
     def samples(self, name: str) -> FloatArray:

@@ -350,11 +350,12 @@ def check_constrained(scene: Scene) -> None:
         motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))
         for bodies in (scene.mesh.body[first[:, 0]], opposite)
     )
-    # Obstacles below forces give way along them: `direction` is against the force there.
+    # Unknown motions give way; `direction` is against the force on an obstacle.
     normals = np.repeat(direction, 4, axis=0)
     yields = [
-        np.repeat(of == index, 4)[:, None] * interface.rates(normals, points).T
+        np.repeat(of == index, 4)[:, None] * interface.motion.rates(normals, points).T
         for index, interface in enumerate(scene.oriented)
+        if interface.motion is not None
     ]
     resisted = np.column_stack([here - there, *yields])
     loose = motions.unresisted(resisted.T @ resisted)

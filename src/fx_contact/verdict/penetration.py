@@ -12,7 +12,6 @@ from fx_contact.geometry import hexahedron
 from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.items.contact import ContactPair
 from fx_contact.items.obstacles import RigidSurface
-from fx_contact.law.settling import approaches
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.parallel.box_search import Boxes, meeting_boxes
 from fx_contact.parallel.exchange import Exchange
@@ -205,7 +204,7 @@ def _in_obstacles(state: SolvedState, nodal: FloatArray, depth: float) -> list[t
     """
     scene, result = state.scene, []
     samples = _samples(state, nodal, depth, scene.contact_surfaces.contact < 0)
-    moved = scene.approached(approaches(scene, state.solution.rows) or [None] * len(scene.interfaces)).contact
+    moved = () if state.rows is None else (kind.contact for kind in state.rows.kinds)
     for begin, pair in zip(scene.contact, moved):
         if not isinstance(begin, ContactPair) or not isinstance(pair, ContactPair):
             continue

@@ -107,10 +107,8 @@ def _of_interfaces(state: SolvedState, centre: FloatArray) -> FloatArray:
 
     Collective.
     """
-    scene, solution, sums = state.scene, state.solution, []
-    of_contact, of_tie = (state.rows, solution.force), (state.ties, solution.tie_force)
+    scene, rows, force, sums = state.scene, state.solution.rows, state.solution.row_force, []
     for index in range(len(scene.interfaces)):
-        rows, force = of_contact if index < len(scene.contact) else of_tie
         assert rows is not None
         entries, ours = rows.entries, rows.contact == index
         push = -np.where(ours, force, 0.0)[entries.row, None] * rows.values
