@@ -24,6 +24,10 @@ from fx_contact.parallel.validation import check_comm, check_name
 
 #: Lattices evaluated at once, so that they fit into the processor's cache.
 _CHUNK = 1 << 12
+#: Largest distance from a plane, relative to the size of the surface: rounding by the mesh generator.
+PLANE = 1e-6
+#: Order of the lattice of sampling points in a root cell.
+_SAMPLES = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -173,6 +177,31 @@ class RootMesh:
         check_name("surface", name, self.surfaces, "the root mesh has")
         return self.surfaces[name]
 
+    def nodes_of(self, name: str) -> Int64Array:
+        """Corner nodes (n,) of a surface, curve or vertex.  Raises SceneError if there is no such place."""
+        known = [*self.surfaces, *self.curves, *self.vertices]
+        check_name("surface, curve or vertex", name, known, "the root mesh has")
+        for groups, corners in ((self.surfaces, hexahedron.FACE_CORNERS), (self.curves, hexahedron.EDGE_CORNERS)):
+            if name in groups:
+                cell, entity = groups[name].T
+                return np.unique(self.corners[cell[:, None], corners[entity]])
+        return self.vertices[name]
+
+    def samples(self, name: str) -> FloatArray:
+        """Sampling points (n, 3) [m] of a surface, curve, vertex, body or part, for functions of position."""
+        if name in self.surfaces:
+            return self.facet_points(self.surfaces[name], _SAMPLES).reshape(-1, 3)
+        if name in self.curves:
+            cells, edges = self.curves[name].T
+            nodes = hexahedron.edge_nodes(_SAMPLES)[edges]
+        elif name in (*self.bodies, *self.parts):
+            cells = self.cells_of(name)
+            nodes = np.arange((_SAMPLES + 1) ** 3)[None]
+        else:
+            return self.points[self.nodes_of(name)]
+        points = self.evaluate(cells, np.tile(np.linspace(0, 1, _SAMPLES + 1), (len(cells), 3, 1)))
+        return np.take_along_axis(points, nodes[:, :, None], axis=1).reshape(-1, 3)
+
     def facet_points(self, facets: IntArray, order: int | None = None) -> FloatArray:
         """Lattice points (n, (order+1)^2, 3) [m], by default nodes, of facets (n, 2), first tangent fastest."""
         order = order or self.order
@@ -182,10 +211,17 @@ class RootMesh:
 
     def outward_normals(self, facets: IntArray) -> FloatArray:
         """Mean outward unit normals (n, 3) [-] of facets (n, 2) as (root cell, local face)."""
-        corners = self.facet_points(facets, order=1)
-        normal = np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0])
-        normal *= hexahedron.FACE_ORIENTATION[facets[:, 1]][:, None]
+        normal = self._diagonals_product(facets) * hexahedron.FACE_ORIENTATION[facets[:, 1]][:, None]
         return normal / np.linalg.norm(normal, axis=1)[:, None]
+
+    def facet_areas(self, facets: IntArray) -> FloatArray:
+        """Areas (n,) [m^2] of the quadrilaterals of the corners of facets (n, 2), along their mean plane."""
+        return np.asarray(np.linalg.norm(self._diagonals_product(facets), axis=1) / 2)
+
+    def _diagonals_product(self, facets: IntArray) -> FloatArray:
+        """Vector products (n, 3) of the diagonals of facets (n, 2), along the first tangent times the second."""
+        corners = self.facet_points(facets, order=1)
+        return np.asarray(np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0]), np.float64)
 
     def evaluate(self, cells: IntArray, coordinates: FloatArray) -> FloatArray:
         """Positions (n, m^3, 3) [m] of tensor lattices in root cells (n,), x fastest.
