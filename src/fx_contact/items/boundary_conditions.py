@@ -13,7 +13,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from fx_contact.geometry.root_mesh import PLANE, RootMesh
+from fx_contact.geometry.hexahedral_mesh import PLANE
+from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_label, check_number, check_vector, is_function, shown

@@ -5,7 +5,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fx_contact.geometry.root_mesh import PLANE, RootMesh
+from fx_contact.geometry.hexahedral_mesh import PLANE
+from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.boundary_conditions import Dirichlet, ObliquePlane, Pressure, Traction
 from fx_contact.items.elastic_support import Elastic
 

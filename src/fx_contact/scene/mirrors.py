@@ -6,7 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fx_contact.geometry.root_mesh import PLANE, RootMesh
+from fx_contact.geometry.hexahedral_mesh import PLANE
+from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.boundary_conditions import Dirichlet, ObliquePlane, SymmetryPlane
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError

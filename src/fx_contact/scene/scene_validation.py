@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from fx_contact.geometry.hexahedral_mesh import PLANE
 from fx_contact.geometry.hexahedron import face_nodes, grid_points
 from fx_contact.geometry.lattice import SIDE
 from fx_contact.geometry.rigid_motions import resisting_points
-from fx_contact.geometry.root_mesh import PLANE, RootMesh
+from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.boundary_conditions import COMPONENTS, SymmetryPlane
 from fx_contact.items.contact import ContactPair
 from fx_contact.items.materials import Orthotropic

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fx_contact.geometry.root_mesh import PLANE
+from fx_contact.geometry.hexahedral_mesh import PLANE
 from fx_contact.items.boundary_conditions import RigidMotion
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
