@@ -55,7 +55,8 @@ class Exchanges:
             key_bytes_max: of the keys that are sent away to make nodes, edges and faces known once; sent and received
                 by the part that moves most.
         """
-        homes = Homes(self._forest, cuts, parts)
+        forest = self._forest
+        homes = Homes(forest.mesh, forest.lattice, forest.pairing, cuts, parts)
         found, key_bytes = [], np.zeros(parts, dtype=np.int64)
         for of, exchanges in ((homes.of_points, self._points), (homes.of_leaves, self._leaves)):
             for name, (leaf, index, keys) in exchanges.items():

@@ -33,7 +33,7 @@ def in_parts(make, parts, pairs=True):
     forest = grown(roots(make(), MPI.COMM_SELF), 3)
     units = Units(forest, pairs)
     part, cuts = along_curve(units, parts, None)
-    return forest, part[units.of_leaf], Homes(forest, cuts, parts)
+    return forest, part[units.of_leaf], Homes(forest.mesh, forest.lattice, forest.pairing, cuts, parts)
 
 
 @SCENES

@@ -84,7 +84,7 @@ def test_partners_by_definition(degree):
     units = Units(forest, True)
     part, cuts = along_curve(units, parts, None)
     part = part[units.of_leaf]
-    homes = Homes(forest, cuts, parts)
+    homes = Homes(forest.mesh, forest.lattice, forest.pairing, cuts, parts)
     found = {name: partners_by_search(part, *rows, homes.of_points) for name, rows in exchanges._points.items()}
     found |= {name: partners_by_search(part, *rows, homes.of_leaves) for name, rows in exchanges._leaves.items()}
     graph = create_leaf_graph(forest)
@@ -121,7 +121,9 @@ def test_partners_of_the_ranks(monkeypatch):
     partners = exchange.Exchange(WORLD, forest.homes.of_points(keys)).partners
     serial, part = whole(forest), gathered(WORLD, np.full(len(forest), WORLD.rank))
     rows = _incidence(serial.vertices.cells, serial.vertices.keys)
-    pairs = partners_by_search(part, *rows, Homes(serial, forest.cuts, WORLD.size).of_points)
+    pairs = partners_by_search(
+        part, *rows, Homes(serial.mesh, serial.lattice, serial.pairing, forest.cuts, WORLD.size).of_points
+    )
     others = {a + b - WORLD.rank for a, b in pairs if a != b and WORLD.rank in (a, b)}
     everywhere(set(partners.tolist()) == others, "other partners than counted")
 

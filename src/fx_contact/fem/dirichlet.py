@@ -21,7 +21,7 @@ from fx_contact.scene.scene import Scene
 #: vertices between the nodes of the root mesh are rounded.
 _SAME = 1e-9
 #: Largest squared sine of the angle between normals of one plane.  Surfaces are plane to 1e-6 of their size
-#: (`items.boundary_conditions.PLANE`), their facets, which may be much smaller, less exactly.
+#: (`geometry.hexahedral_mesh.PLANE`), their facets, which may be much smaller, less exactly.
 SAME_PLANE = 1e-8
 #: Defect of the squared length of an axis projected onto the span of normals: 1e-6 of the length, as for planes.
 _ALONG_AXIS = 1e-12
@@ -128,7 +128,7 @@ def _conforming_at(scene: Scene, prolongation: Prolongation, where: str) -> IntA
         leaf, edge = forest.boundary_edges(mesh.curves[where])
         here = space.cells[leaf[:, None], space.edge_nodes[edge]]
     else:
-        cell, corner = np.nonzero(np.isin(mesh.corners, scene.place(where)))
+        cell, corner = np.nonzero(np.isin(mesh.corners, mesh.nodes_of(where)))
         points = (SIDE * hexahedron.CORNERS[corner])[:, None]
         place = space.find(forest.lattice.keys(cell, points)[:, 0])
         here = place[place >= 0]

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from fx_contact.forest.forest import Forest
-from fx_contact.forest.lattice_points import LatticePoints
 from fx_contact.geometry import hexahedron
 from fx_contact.geometry.lattice import SIDE, leaf_side
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
@@ -45,7 +44,7 @@ class Space:
                 "leaf can be halved, but not cut in three, nor in four on the finest level"
             )
         self.forest, self.degree = forest, int(degree)
-        self._nodes = forest.vertices if degree == 1 else LatticePoints(forest, self.points)
+        self._nodes = forest.vertices if degree == 1 else forest.lattice_points(self.points)
         self.keys, self.cells = self._nodes.keys, self._nodes.cells
         self.example, self.directory = self._nodes.example, self._nodes.directory
         self.face_nodes = hexahedron.face_nodes(self.degree)

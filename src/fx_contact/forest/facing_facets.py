@@ -1,13 +1,12 @@
 """Leaf facets that face each other across contact surfaces whose meshes do not match."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 
+from fx_contact.forest.leaves import Leaves
 from fx_contact.geometry.lattice import SIDE
 from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.geometry.root_facets import SurfacePoints
@@ -16,9 +15,6 @@ from fx_contact.parallel.box_search import Boxes, meeting_boxes
 from fx_contact.parallel.mpi import Directory
 from fx_contact.surfaces.facet_pairing import leaf_code
 from fx_contact.surfaces.nonmatching import SAMPLES, NonmatchingSurfaces
-
-if TYPE_CHECKING:
-    from fx_contact.forest.forest import Forest
 
 #: Part of their extent by which the box around its samples is enlarged: 1/6 to the edges, and as much for curvature.
 _MARGIN = 1 / 3
@@ -41,7 +37,7 @@ class FacingFacets:
         faced: (k,), pairs of which a sample of the first faces the second.
     """
 
-    forest: Forest
+    leaves: Leaves
     surfaces: NonmatchingSurfaces
     leaf: Int64Array
     face: Int64Array
@@ -54,38 +50,38 @@ class FacingFacets:
     faced: BoolArray
 
     @classmethod
-    def of(cls, forest: Forest, surfaces: NonmatchingSurfaces) -> FacingFacets:
-        """Facing leaf facets of a forest.  Collective on forest.comm."""
-        leaf, face = forest.boundary_faces(surfaces.first.facets)
-        first = _leaf_facets(forest, leaf, face)
+    def of(cls, leaves: Leaves, surfaces: NonmatchingSurfaces) -> Self:
+        """Leaf facets of a rank that face each other.  Collective on leaves.comm."""
+        leaf, face = leaves.boundary_faces(surfaces.first.facets)
+        first = _leaf_facets(leaves, leaf, face)
         samples = _Faced(surfaces, first)
-        mine, my_face = forest.boundary_faces(surfaces.second.facets)
-        rank = np.full(len(mine), forest.comm.rank)
-        names = np.column_stack([forest.cell[mine], forest.level[mine], my_face, forest.anchor[mine], rank])
-        boxes = _around(_points(_leaf_facets(forest, mine, my_face)).position)
-        asked, name = meeting_boxes(forest.comm, samples.boxes, boxes, names.astype(np.int64))
+        mine, my_face = leaves.boundary_faces(surfaces.second.facets)
+        rank = np.full(len(mine), leaves.comm.rank)
+        names = np.column_stack([leaves.cell[mine], leaves.level[mine], my_face, leaves.anchor[mine], rank])
+        boxes = _around(_points(_leaf_facets(leaves, mine, my_face)).position)
+        asked, name = meeting_boxes(leaves.comm, samples.boxes, boxes, names.astype(np.int64))
         name, number = np.unique(name, axis=0, return_inverse=True)
         cell, level, anchor = name[:, 0].astype(np.int32), name[:, 1].astype(np.int8), name[:, 3:6].astype(np.int32)
-        second = LeafFacets.of_leaves(forest.mesh, cell, level, anchor, name[:, 2])
+        second = LeafFacets.of_leaves(leaves.mesh, cell, level, anchor, name[:, 2])
         pairs = np.stack([asked, number.ravel()], axis=1)
         faced = samples.on(second, pairs)
-        return cls(forest, surfaces, leaf, face, first, second, level, anchor, name[:, 6], pairs, faced)
+        return cls(leaves, surfaces, leaf, face, first, second, level, anchor, name[:, 6], pairs, faced)
 
     @cached_property
-    def _leaves(self) -> tuple[Int64Array, Directory]:
+    def _on_second(self) -> tuple[Int64Array, Directory]:
         """This rank's leaves on the second surface, and the directory of their codes."""
-        mine = np.unique(self.forest.boundary_faces(self.surfaces.second.facets)[0])
-        codes = leaf_code(self.forest.cell[mine], self.forest.anchor[mine])
-        return mine, Directory(self.forest.comm, codes, self.forest.homes.of_leaves)
+        mine = np.unique(self.leaves.boundary_faces(self.surfaces.second.facets)[0])
+        codes = leaf_code(self.leaves.cell[mine], self.leaves.anchor[mine])
+        return mine, Directory(self.leaves.comm, codes, self.leaves.homes.of_leaves)
 
     @property
     def split(self) -> int:
         """Number of this rank's pairs that face each other, of which the second is on another rank.  Local."""
-        return int((self.rank[self.pairs[self.faced, 1]] != self.forest.comm.rank).sum())
+        return int((self.rank[self.pairs[self.faced, 1]] != self.leaves.comm.rank).sum())
 
     def too_large(self, marked: BoolArray) -> BoolArray:
         """Leaves (n,) whose facets are larger than those they face once marked leaves (n,) are refined.  Collective."""
-        mine, directory = self._leaves
+        mine, directory = self._on_second
         codes = leaf_code(self.second.cell.astype(np.int32), self.anchor)
         _, refined = directory.lookup(codes, marked[mine], marked[mine])
         size = self.surfaces.size[self.second.cell, self.second.face] * self.second.side / SIDE
@@ -131,8 +127,8 @@ class _Faced:
         return np.asarray((same & inside).any(axis=1))
 
 
-def _leaf_facets(forest: Forest, leaf: Int64Array, face: Int64Array) -> LeafFacets:
-    return LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+def _leaf_facets(leaves: Leaves, leaf: Int64Array, face: Int64Array) -> LeafFacets:
+    return LeafFacets.of_leaves(leaves.mesh, leaves.cell[leaf], leaves.level[leaf], leaves.anchor[leaf], face)
 
 
 def _points(facets: LeafFacets) -> SurfacePoints:

@@ -7,7 +7,6 @@ partition, which all ranks know.  So a rank communicates with its neighbours onl
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,9 +17,6 @@ from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
 from fx_contact.parallel.mpi import hashed
 from fx_contact.surfaces.facet_pairing import Pairing, decode_leaf
 
-if TYPE_CHECKING:
-    from fx_contact.forest.forest import Forest
-
 
 class Homes:
     """Homes of the lattice points and leaves of a forest: parts, the ranks of a run.
@@ -28,10 +24,12 @@ class Homes:
     Local.  By the cuts (parts - 1,) of the curve; None: by a hash.
     """
 
-    def __init__(self, forest: Forest, cuts: Int64Array | None, parts: int) -> None:
+    def __init__(
+        self, mesh: RootMesh, lattice: Lattice, pairing: Pairing, cuts: Int64Array | None, parts: int
+    ) -> None:
         self._cuts, self._parts = cuts, parts
         if cuts is not None:
-            self._places, self._curve = _root_places(forest.mesh, forest.lattice, forest.pairing)
+            self._places, self._curve = _root_places(mesh, lattice, pairing)
 
     def of_points(self, keys: Int64Array) -> Int32Array:
         """Homes (n,) of lattice points with keys (n,); the same for two points that face only each other.  Local."""

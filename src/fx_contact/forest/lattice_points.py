@@ -1,22 +1,17 @@
 """Distinct vertices, edge midpoints, face centres or nodes of the leaves, by their lattice keys."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from mpi4py import MPI
 
+from fx_contact.forest.homes import Homes
 from fx_contact.parallel.arrays import Int32Array, Int64Array
 from fx_contact.parallel.mpi import Directory
-
-if TYPE_CHECKING:
-    from fx_contact.forest.forest import Forest
 
 
 class LatticePoints:
     """Distinct lattice points of this rank's leaves, in the order of the leaves.
 
-    Collective on forest.comm.  Of k points (n, k, 3) of each leaf, in lattice coordinates.
+    Collective on comm.  By the lattice keys (n, k) of k points of each leaf.
 
     Attributes:
         keys: (m,), lattice keys, of which there is a `directory`.
@@ -24,16 +19,15 @@ class LatticePoints:
         example: (m, 2), the first leaf that has the point, and the point's number in that leaf.
     """
 
-    def __init__(self, forest: Forest, points: Int32Array) -> None:
-        k = points.shape[1]
-        found = forest.lattice.keys(forest.cell, points)
+    def __init__(self, comm: MPI.Intracomm, found: Int64Array, homes: Homes) -> None:
+        k = found.shape[1]
         keys, index, cells = np.unique(found, return_index=True, return_inverse=True)
         order = np.argsort(index, kind="stable")
         self._ascending = np.argsort(order)
         self.keys: Int64Array = keys[order]
         self.cells: Int32Array = self._ascending[cells].reshape(-1, k).astype(np.int32)
         self.example: Int64Array = np.stack(np.divmod(index[order], k), axis=1)
-        self.directory = Directory(forest.comm, self.keys, forest.homes.of_points)
+        self.directory = Directory(comm, self.keys, homes.of_points)
 
     def __len__(self) -> int:
         return len(self.keys)

@@ -1,12 +1,7 @@
-"""Root mesh: coarse curved hexahedra with named bodies, surfaces, curves and vertices, the same on every rank.
-
-The geometry of every leaf is the restriction of its root cell's map of order p, so refinement never changes the domain
-(super-parametric elements, section 2 of the paper).  All functions without a communicator are local.
-"""
+"""Root mesh: coarse curved hexahedra with named bodies, surfaces, curves and vertices, the same on every rank."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from textwrap import fill
 from typing import Self
 
@@ -14,20 +9,17 @@ import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 from mpi4py import MPI
 
-from fx_contact.geometry import hexahedron
 from fx_contact.geometry.dolfinx_mesh import gathered_arrays
+from fx_contact.geometry.hexahedral_mesh import HexahedralMesh
 from fx_contact.geometry.root_mesh_checks import check_mesh, take_arrays
-from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import IntArray
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import check_comm, check_name
-
-#: Lattices evaluated at once, so that they fit into the processor's cache.
-_CHUNK = 1 << 12
+from fx_contact.parallel.validation import check_comm
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RootMesh:
+class RootMesh(HexahedralMesh):
     """Conforming mesh of curved hexahedra of order 1 to 6, replicated on all ranks and validated when made.
 
     Lists may be given for arrays and tuples.  Attributes are frozen; `dataclasses.replace` makes another mesh.
@@ -48,15 +40,6 @@ class RootMesh:
         SceneError: a cell without body, two bodies with common nodes, a surface facet that is not on the boundary, a
             cell in two parts, a part of two bodies.
     """
-
-    points: FloatArray
-    cells: Int64Array
-    bodies: tuple[str, ...]
-    body: Int32Array
-    surfaces: Mapping[str, Int32Array] = field(default_factory=dict)
-    vertices: Mapping[str, Int64Array] = field(default_factory=dict)
-    curves: Mapping[str, Int32Array] = field(default_factory=dict)
-    parts: Mapping[str, Int64Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         take_arrays(self)
@@ -112,120 +95,8 @@ class RootMesh:
         with together(comm):
             return cls(**arrays)
 
-    @cached_property
-    def regions(self) -> tuple[str, ...]:
-        """Names of what has a material: bodies, except for those that consist of parts alone, then parts."""
-        return (*(self.bodies[body] for body in np.unique(self.body[self._part < 0])), *self.parts)
-
-    @cached_property
-    def region(self) -> Int32Array:
-        """(ncells,), index into `regions`: the part of each cell, else its body."""
-        rest, part = np.unique(self.body[self._part < 0]), self._part
-        return np.where(part < 0, np.searchsorted(rest, self.body), len(rest) + part).astype(np.int32)
-
-    @cached_property
-    def body_of_region(self) -> Int32Array:
-        """(nregions,), index into `bodies`."""
-        return self.body[np.unique(self.region, return_index=True)[1]]
-
-    @cached_property
-    def _part(self) -> Int64Array:
-        """(ncells,), index into `parts`, -1: in none."""
-        part = np.full(len(self.cells), -1)
-        for index, cells in enumerate(self.parts.values()):
-            part[cells] = index
-        return part
-
-    @cached_property
-    def order(self) -> int:
-        """Polynomial order p of the cell maps."""
-        return hexahedron.order_of(self.cells.shape[1])
-
-    @cached_property
-    def corners(self) -> Int64Array:
-        """(ncells, 8), nodes at the cell corners, tensor order."""
-        return self.cells[:, hexahedron.corner_nodes(self.order)]
-
-    @cached_property
-    def edges(self) -> Int64Array:
-        """(ncells, 12), number of each local edge in the mesh."""
-        ends = np.sort(self.corners[:, hexahedron.EDGE_CORNERS], axis=2).reshape(-1, 2)
-        return np.unique(ends, axis=0, return_inverse=True)[1].reshape(-1, 12)
-
-    @cached_property
-    def faces(self) -> Int64Array:
-        """(ncells, 6), number of each local face in the mesh."""
-        corners = np.sort(self.corners[:, hexahedron.FACE_CORNERS], axis=2).reshape(-1, 4)
-        return np.unique(corners, axis=0, return_inverse=True)[1].reshape(-1, 6)
-
-    @cached_property
-    def face_neighbours(self) -> Int64Array:
-        """(ncells, 6), number of cells that share each local face (1: exterior)."""
-        return np.bincount(self.faces.ravel())[self.faces]
-
-    def cells_of(self, name: str) -> Int64Array:
-        """Cells (n,) of a body with its parts, or of a part.  Raises SceneError if there is no such body or part."""
-        check_name("body or part", name, [*self.bodies, *self.parts], "the root mesh has")
-        return self.parts[name] if name in self.parts else np.flatnonzero(self.body == self.bodies.index(name))
-
-    def surface(self, name: str) -> Int32Array:
-        """Facets (n, 2) of a surface as (root cell, local face).  Raises SceneError if there is no such surface."""
-        check_name("surface", name, self.surfaces, "the root mesh has")
-        return self.surfaces[name]
-
-    def facet_points(self, facets: IntArray, order: int | None = None) -> FloatArray:
-        """Lattice points (n, (order+1)^2, 3) [m], by default nodes, of facets (n, 2), first tangent fastest."""
-        order = order or self.order
-        functions = hexahedron.lagrange(self.order, np.linspace(0, 1, order + 1))
-        values = hexahedron.tensor_evaluate((functions,) * 3, self.points[self.cells[facets[:, 0]]])
-        return np.take_along_axis(values, hexahedron.face_nodes(order)[facets[:, 1]][:, :, None], axis=1)
-
-    def outward_normals(self, facets: IntArray) -> FloatArray:
-        """Mean outward unit normals (n, 3) [-] of facets (n, 2) as (root cell, local face)."""
-        corners = self.facet_points(facets, order=1)
-        normal = np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0])
-        normal *= hexahedron.FACE_ORIENTATION[facets[:, 1]][:, None]
-        return normal / np.linalg.norm(normal, axis=1)[:, None]
-
-    def evaluate(self, cells: IntArray, coordinates: FloatArray) -> FloatArray:
-        """Positions (n, m^3, 3) [m] of tensor lattices in root cells (n,), x fastest.
-
-        The reference coordinates (n, 3, m) along each axis are in [0, 1].
-        """
-        m = coordinates.shape[2]
-        result = np.empty((len(cells), m**3, 3))
-        for start in range(0, len(cells), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            result[part] = self._evaluate(cells[part], coordinates[part])
-        return result
-
-    def _evaluate(self, cells: IntArray, coordinates: FloatArray) -> FloatArray:
-        """Evaluation of few lattices at once; those in one root cell with equal z, or z and y, share work."""
-        n, k, m = len(cells), self.order + 1, coordinates.shape[2]
-        layer, of_layer = _distinct(cells, coordinates[:, 2])
-        column, of_column = _distinct(of_layer, coordinates[:, 1])
-        fx = hexahedron.lagrange(self.order, coordinates[:, 0])
-        fy = hexahedron.lagrange(self.order, coordinates[column, 1])
-        fz = hexahedron.lagrange(self.order, coordinates[layer, 2])
-        nodal = self.points[self.cells[cells[layer]]].reshape(len(layer), k * k, k, 3).swapaxes(2, 3)  # x last
-        values = fz @ nodal.reshape(len(layer), k, k * k * 3)
-        values = fy[:, None] @ values.reshape(len(layer), m, k, k * 3)[of_layer[column]]
-        values = values.reshape(len(column), m * m * 3, k)[of_column] @ fx.swapaxes(1, 2)
-        return values.reshape(n, m * m, 3, m).swapaxes(2, 3).reshape(n, m**3, 3)
-
 
 def summary(head: str, lists: Mapping[str, Sequence[str]]) -> str:
     """A head and the lists that are not empty, wrapped, for `repr`."""
     texts = [f"{title}: {', '.join(items)}" for title, items in lists.items() if items]
     return "\n".join([head, *(fill(text, 110, initial_indent="  ", subsequent_indent="    ") for text in texts)])
-
-
-def _distinct(number: IntArray, coordinates: FloatArray) -> tuple[Int64Array, Int64Array]:
-    """First rows (k,) of the distinct pairs (number, coordinates), and the position (n,) of each row among them."""
-    order = np.lexsort((*coordinates.T, number))
-    number, coordinates = number[order], coordinates[order]
-    new = np.ones(len(order), dtype=bool)
-    new[1:] = (number[1:] != number[:-1]) | (coordinates[1:] != coordinates[:-1]).any(axis=1)
-    which = np.empty(len(order), dtype=np.int64)
-    which[order] = np.cumsum(new) - 1
-    return order[new], which

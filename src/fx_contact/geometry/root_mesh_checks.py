@@ -1,10 +1,8 @@
 """Validation of a RootMesh: array shapes, orientation of the cells, conformity, names.  Local."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,12 +11,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fx_contact.geometry import hexahedron
+from fx_contact.geometry.hexahedral_mesh import HexahedralMesh
 from fx_contact.parallel.arrays import Int64Array
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.validation import check_label, shown
-
-if TYPE_CHECKING:
-    from fx_contact.geometry.root_mesh import RootMesh
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -28,7 +24,7 @@ MAX_ORDER = 6
 SMALLEST = 1e-60
 
 
-def check_mesh(mesh: RootMesh) -> None:
+def check_mesh(mesh: HexahedralMesh) -> None:
     """Raises GeometryError or SceneError, as `RootMesh`, unless a mesh, after `take_arrays`, can be refined."""
     _check_shapes(mesh)
     _check_jacobian(mesh)
@@ -36,7 +32,7 @@ def check_mesh(mesh: RootMesh) -> None:
     _check_tags(mesh)
 
 
-def take_arrays(mesh: RootMesh) -> None:
+def take_arrays(mesh: HexahedralMesh) -> None:
     """Convert the arguments of a RootMesh to frozen arrays, tuples and dicts.  Raises GeometryError if that fails."""
     try:
         taken = {
@@ -71,7 +67,7 @@ def _named(groups: Mapping[str, Any], dtype: type[Scalar]) -> Mapping[str, npt.N
     return MappingProxyType({name: _frozen(rows, dtype) for name, rows in dict(groups).items()})
 
 
-def _check_shapes(mesh: RootMesh) -> None:
+def _check_shapes(mesh: HexahedralMesh) -> None:
     if mesh.points.ndim != 2 or mesh.points.shape[1] != 3:
         raise GeometryError(f"points must be a (npoints, 3) array, got shape {mesh.points.shape}")
     if not np.isfinite(mesh.points).all():
@@ -92,7 +88,7 @@ def _check_shapes(mesh: RootMesh) -> None:
         raise GeometryError(f"the root mesh is {size:.3g} large, its volumes are no numbers: check the units")
 
 
-def _check_jacobian(mesh: RootMesh) -> None:
+def _check_jacobian(mesh: HexahedralMesh) -> None:
     """The determinant of the cell map must be positive on a lattice finer than the nodes."""
     x = np.linspace(0, 1, 2 * mesh.order + 1)
     value, slope = hexahedron.lagrange(mesh.order, x), hexahedron.lagrange_derivative(mesh.order, x)
@@ -114,7 +110,7 @@ def _check_jacobian(mesh: RootMesh) -> None:
         )
 
 
-def _check_conforming(mesh: RootMesh) -> None:
+def _check_conforming(mesh: HexahedralMesh) -> None:
     _, kind, count = np.unique(np.sort(mesh.corners, axis=1), axis=0, return_inverse=True, return_counts=True)
     twice = np.flatnonzero(count[kind.ravel()] > 1)
     if len(twice):
@@ -135,7 +131,7 @@ def _check_conforming(mesh: RootMesh) -> None:
         _check_no_crack(mesh, name, exterior[mesh.body[exterior[:, 0]] == index])
 
 
-def _check_no_crack(mesh: RootMesh, name: str, facets: npt.NDArray[np.int64]) -> None:
+def _check_no_crack(mesh: HexahedralMesh, name: str, facets: npt.NDArray[np.int64]) -> None:
     """No corner of a body's boundary may lie on a facet of the same body without being one of its nodes."""
     if not len(facets):
         return
@@ -157,7 +153,7 @@ def _check_no_crack(mesh: RootMesh, name: str, facets: npt.NDArray[np.int64]) ->
         )
 
 
-def _check_tags(mesh: RootMesh) -> None:
+def _check_tags(mesh: HexahedralMesh) -> None:
     _check_bodies(mesh)
     names = [*mesh.surfaces, *mesh.curves, *mesh.vertices]
     for name in (*mesh.bodies, *mesh.parts, *names):
@@ -185,7 +181,7 @@ def _check_tags(mesh: RootMesh) -> None:
             raise SceneError(f"vertex {name!r} is not a corner of root cells")
 
 
-def _check_bodies(mesh: RootMesh) -> None:
+def _check_bodies(mesh: HexahedralMesh) -> None:
     numbers = np.unique(mesh.body)
     if len(set(mesh.bodies)) < len(mesh.bodies) or not np.array_equal(numbers, np.arange(len(mesh.bodies))):
         raise SceneError(
@@ -213,7 +209,7 @@ def _check_bodies(mesh: RootMesh) -> None:
         )
 
 
-def _in_pieces(mesh: RootMesh, joints: Int64Array) -> int | None:
+def _in_pieces(mesh: HexahedralMesh, joints: Int64Array) -> int | None:
     """A body whose cells are not connected by common numbers (ncells, n) of their corners or faces; None: no body."""
     count = len(mesh.cells)
     rows, size = np.repeat(np.arange(count), joints.shape[1]), count + int(joints.max()) + 1
@@ -223,7 +219,7 @@ def _in_pieces(mesh: RootMesh, joints: Int64Array) -> int | None:
     return int(np.bincount(parts[0]).argmax()) if len(parts[0]) > len(mesh.bodies) else None
 
 
-def _check_parts(mesh: RootMesh) -> None:
+def _check_parts(mesh: HexahedralMesh) -> None:
     seen = np.zeros(len(mesh.cells), dtype=bool)
     for name, cells in mesh.parts.items():
         good = cells.ndim == 1 and len(np.unique(cells)) == len(cells) > 0

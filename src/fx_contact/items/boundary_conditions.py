@@ -8,17 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from fx_contact.geometry.hexahedral_mesh import PLANE
+from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_label, check_number, check_vector, is_function, shown
-
-if TYPE_CHECKING:
-    from fx_contact.geometry.root_mesh import RootMesh
 
 #: A number, or a function of positions (3, n) [m] that gives (n,).
 ScalarValue: TypeAlias = float | Callable[[FloatArray], npt.ArrayLike]
@@ -215,10 +214,6 @@ class ObliquePlane:
                 f"the symmetry plane {self.where!r} holds the displacement across it, and another condition prescribes "
                 f"{moved[away[0]]:.3g} there, at {position(int(away[0]))}: prescribe none across it, or leave one out"
             )
-
-
-#: Largest distance from a plane, relative to the size of the surface: rounding by the mesh generator.
-PLANE = 1e-6
 
 
 @dataclass(frozen=True)

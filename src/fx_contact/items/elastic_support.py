@@ -1,19 +1,14 @@
 """Elastic supports: springs distributed over a surface (Winkler's bedding, a Robin condition).  All is local."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fx_contact.items.rigid_motions import resisting_points
+from fx_contact.geometry.rigid_motions import resisting_points
+from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_label, check_number
-
-if TYPE_CHECKING:
-    from fx_contact.geometry.root_mesh import RootMesh
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ def _given(scene: Scene, name: str, components: int, *values: ScalarValue | Vect
         if not callable(value):
             result.append(None if value is None else _floats(np.atleast_1d(value)))
             continue
-        found = evaluated(f"what is prescribed on {name!r}", value, scene.samples(name), components)
+        found = evaluated(f"what is prescribed on {name!r}", value, scene.mesh.samples(name), components)
         size = np.abs(found).max()
         rounded = np.rint(found / size * 1e9 if size else found).astype(np.int64)
         digest = hashlib.sha256(repr(float(f"{size:.9g}")).encode() + rounded.tobytes())

@@ -1,24 +1,24 @@
 """Symmetry group of a scene: the whole bodies as mirror images of the modelled part."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
 import numpy as np
 
-from fx_contact.items.boundary_conditions import PLANE, Dirichlet, ObliquePlane, SymmetryPlane
+from fx_contact.geometry.hexahedral_mesh import PLANE
+from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.items.boundary_conditions import Dirichlet, ObliquePlane, SymmetryPlane
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-
-if TYPE_CHECKING:
-    from fx_contact.scene.scene import Scene
 
 #: Tolerance for the entries of equal rotations, reflections and unit vectors [-].
 _SAME = 1e-6
 
 #: Places of parallel planes along their normal [m], and the bodies with a surface on each.
-_Places = list[tuple[float, set[int]]]
+_Places: TypeAlias = list[tuple[float, set[int]]]
+#: Prescribed displacements and symmetry planes of a scene.
+_Conditions: TypeAlias = Sequence[Dirichlet | SymmetryPlane]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,50 +60,48 @@ class Mirrors:
         return point - inverse @ (self.normals @ point) + inverse @ self.at
 
 
-def mirrors_of(scene: Scene) -> Mirrors:
-    """Mirrors of a scene, one image only if the planes make fewer than `scene.symmetry`: the whole is not known.
+def mirrors_of(mesh: RootMesh, dirichlet: _Conditions, symmetry: int) -> Mirrors:
+    """Mirrors of a scene, one image only if the planes make fewer than `symmetry`: the whole is not known.
 
     Local.  Two parallel planes of symmetry bound a slice, as in plane strain, which is not mirrored.
 
     Raises:
-        SceneError: `scene.symmetry` is not a multiple of the number of copies that the planes make, other planes
+        SceneError: `symmetry` is not a multiple of the number of copies that the planes make, other planes
             without normal displacement (`_other_planes`) do not make the rest, a plane cuts a body, or no body has both
             of two parallel planes.
     """
-    mesh = scene.mesh
-    planes = _planes(scene)
+    planes = _planes(mesh, dirichlet)
     found = [(normal, [at for at, _ in places]) for normal, places in planes]
     size = np.ptp(mesh.points, axis=0).max()
-    for normal, places in planes if scene.symmetry > 1 else ():
+    for normal, places in planes if symmetry > 1 else ():
         _check_slice(normal, places, PLANE * size)
     single = [(normal, np.mean(places)) for normal, places in found if np.ptp(places) <= PLANE * size]
     normals, at_normal = np.array([n for n, _ in single]).reshape(-1, 3), np.array([at for _, at in single])
-    mirrors = Mirrors(normals, at_normal, mirror_group(normals, scene.symmetry))
-    if scene.symmetry > 1 and scene.symmetry % mirrors.parts:
-        copies = mirrors.parts if mirrors.parts < scene.symmetry else f"more than {scene.symmetry}"
+    mirrors = Mirrors(normals, at_normal, mirror_group(normals, symmetry))
+    if symmetry > 1 and symmetry % mirrors.parts:
+        copies = mirrors.parts if mirrors.parts < symmetry else f"more than {symmetry}"
         raise SceneError(
-            f"symmetry={scene.symmetry}, but planes of symmetry in {len(single)} directions make {copies} copies of a "
+            f"symmetry={symmetry}, but planes of symmetry in {len(single)} directions make {copies} copies of a "
             "part: take their number, or a multiple of it"
         )
-    others = [normal for _, normal in _other_planes(scene)]
-    possible = mirror_group(np.array([*(n for n, _ in found), *others]).reshape(-1, 3), scene.symmetry)
-    if len(possible) < scene.symmetry or scene.symmetry > 1 and scene.symmetry % 2:
+    others = [normal for _, normal in _other_planes(mesh, dirichlet)]
+    possible = mirror_group(np.array([*(n for n, _ in found), *others]).reshape(-1, 3), symmetry)
+    if len(possible) < symmetry or symmetry > 1 and symmetry % 2:
         raise SceneError(
-            f"symmetry={scene.symmetry}, but planes without normal displacement make {len(possible)} copies of a part "
+            f"symmetry={symmetry}, but planes without normal displacement make {len(possible)} copies of a part "
             "by reflection: hold each plane of symmetry by a SymmetryPlane, or take the number of copies"
         )
     off = np.abs(normals @ mirrors.centre(np.zeros(3)) - at_normal).max(initial=0.0)
-    if mirrors.parts == scene.symmetry and off <= PLANE * size:
-        _check_sides(scene, mirrors, PLANE * size)
+    if mirrors.parts == symmetry and off <= PLANE * size:
+        _check_sides(mesh, mirrors, PLANE * size)
         return mirrors
     return Mirrors(np.zeros((0, 3)), np.zeros(0), np.eye(3)[None])
 
 
-def _planes(scene: Scene) -> list[tuple[FloatArray, _Places]]:
+def _planes(mesh: RootMesh, dirichlet: _Conditions) -> list[tuple[FloatArray, _Places]]:
     """Different normals (3,) of the symmetry planes of a scene, with the places and bodies of their planes."""
-    mesh = scene.mesh
     found: list[tuple[FloatArray, _Places]] = []
-    for condition in scene.dirichlet:
+    for condition in dirichlet:
         if isinstance(condition, SymmetryPlane):
             plane = condition.on(mesh)
             normal = np.array(plane.normal) if isinstance(plane, ObliquePlane) else plane.held.astype(float)
@@ -130,21 +128,20 @@ def _check_slice(normal: FloatArray, places: _Places, rounding: float) -> None:
         )
 
 
-def symmetry_planes(scene: Scene) -> list[tuple[str, FloatArray]]:
+def symmetry_planes(mesh: RootMesh, dirichlet: _Conditions, symmetry: int) -> list[tuple[str, FloatArray]]:
     """Surfaces on symmetry planes with their normals (3,): of each SymmetryPlane, and `_other_planes` that make copies.
 
     Local.
     """
-    mesh = scene.mesh
-    surfaces = (condition.surface for condition in scene.dirichlet if isinstance(condition, SymmetryPlane))
+    surfaces = (condition.surface for condition in dirichlet if isinstance(condition, SymmetryPlane))
     planes = [(name, mesh.outward_normals(mesh.surface(name)[:1])[0]) for name in surfaces]
-    return planes + (_other_planes(scene) if scene.symmetry > 1 else [])
+    return planes + (_other_planes(mesh, dirichlet) if symmetry > 1 else [])
 
 
-def _other_planes(scene: Scene) -> list[tuple[str, FloatArray]]:
+def _other_planes(mesh: RootMesh, dirichlet: _Conditions) -> list[tuple[str, FloatArray]]:
     """Plane surfaces whose normal displacement alone is prescribed as 0, symmetry planes as well, and normals (3,)."""
-    mesh, planes = scene.mesh, []
-    for condition in scene.dirichlet:
+    planes = []
+    for condition in dirichlet:
         if isinstance(condition, Dirichlet) and condition.where in mesh.surfaces and condition.held.sum() == 1:
             axis, (value,) = int(condition.held.argmax()), [
                 v for v in (condition.x, condition.y, condition.z) if v is not None
@@ -155,13 +152,13 @@ def _other_planes(scene: Scene) -> list[tuple[str, FloatArray]]:
     return planes
 
 
-def _check_sides(scene: Scene, mirrors: Mirrors, rounding: float) -> None:
+def _check_sides(mesh: RootMesh, mirrors: Mirrors, rounding: float) -> None:
     """Raises SceneError for bodies on both sides of a symmetry plane, which their images would penetrate."""
-    heights = scene.mesh.points @ mirrors.normals.T - mirrors.at
+    heights = mesh.points @ mirrors.normals.T - mirrors.at
     low, high = heights.min(axis=0, initial=0.0), heights.max(axis=0, initial=0.0)
     for normal in mirrors.normals[np.minimum(-low, high) > rounding]:
         raise SceneError(
-            f"symmetry={scene.symmetry}, but bodies are on both sides of the symmetry plane with the normal "
+            f"symmetry={mirrors.parts}, but bodies are on both sides of the symmetry plane with the normal "
             f"{normal.round(6)}: model the part on one side of it, or leave `symmetry` away"
         )
 

@@ -1,21 +1,16 @@
 """Surfaces of rigid loads in a scene, with the motions that its conditions allow.  All is local."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.contact import Coupling
 from fx_contact.items.motions import FaceMotion, rigid_motions
 from fx_contact.items.rigid_loads import RigidLoad
-from fx_contact.parallel.arrays import FloatArray, Int64Array
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.scene.mirrors import symmetry_planes
-
-if TYPE_CHECKING:
-    from fx_contact.scene.scene import Scene
 
 #: Eigenvalues of R^T R, relative to the largest, and components of loads, that are rounding.
 _ROUNDING = 1e-10, 1e-9
@@ -54,29 +49,44 @@ class RigidFace(Coupling):
         return f"rigid load {self.surface!r}"
 
 
-def rigid_face(scene: Scene, load: RigidLoad) -> RigidFace:
+def rigid_face(
+    mesh: RootMesh,
+    load: RigidLoad,
+    others: Sequence[str],
+    prescribed: FloatArray,
+    planes: Sequence[tuple[str, FloatArray]],
+) -> RigidFace:
     """The face of a load in a scene.
 
     Raises SceneError if conditions hold all of it, move it, or hold what the load would move, or if it shares nodes
     with another contact, tie or rigid load.
+
+    Args:
+        others: surfaces of contacts, ties and other rigid loads.
+        prescribed: (npoints, 3), displacements of the mesh's nodes by conditions [m], NaN where free.
+        planes: surfaces on symmetry planes and normals (3,), as from `mirrors.symmetry_planes`.
     """
-    mesh = scene.mesh
-    corners = mesh.facet_points(mesh.surface(load.surface), order=1)
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0]), axis=1)
-    centroid = area @ corners.mean(axis=1) / area.sum()
+    facets = mesh.surface(load.surface)
+    area = mesh.facet_areas(facets)
+    centroid = area @ mesh.facet_points(facets, order=1).mean(axis=1) / area.sum()
     lever = np.zeros(3) if load.point is None else np.array(load.point, dtype=np.float64) - centroid
-    nodes = scene.place(load.surface)
-    others = [other.surface for other in scene.rigid_loads if other is not load]
-    others += [name for contact in (*scene.contact, *scene.ties) for name in contact.surfaces]
+    nodes = mesh.nodes_of(load.surface)
     for name in others:
-        if np.isin(nodes, scene.place(name)).any():
+        if np.isin(nodes, mesh.nodes_of(name)).any():
             raise SceneError(
                 f"{load.what} shares nodes with the surface {name!r} of a contact, tie or rigid load: name facets "
                 "away from its rim"
             )
+    if np.nan_to_num(prescribed[nodes]).any():
+        raise SceneError(f"{load.what} and a condition both move nodes: let them share none, or hold those at 0")
     size = float(np.linalg.norm(mesh.points[nodes] - centroid, axis=1).max())
-    held = _held(scene, load, nodes, centroid, size)
-    values, vectors = np.linalg.eigh(held @ held.T)
+    motions = rigid_motions(mesh.points[nodes], centroid, size)
+    held = [motions[:, ~np.isnan(prescribed[nodes, axis]), axis] for axis in range(3)]
+    for surface, normal in planes:
+        on = nodes[np.isin(nodes, mesh.nodes_of(surface))][:1]
+        held.append(rigid_motions(_around(mesh.points[on], normal, size), centroid, size) @ normal)
+    all_held = np.concatenate(held, axis=1)
+    values, vectors = np.linalg.eigh(all_held @ all_held.T)
     basis = vectors[:, values <= _ROUNDING[0] * max(values[-1], 1.0)]
     if not basis.shape[1]:
         raise SceneError(f"{load.what} moves nothing: conditions hold its surface; name another one")
@@ -94,19 +104,10 @@ def rigid_face(scene: Scene, load: RigidLoad) -> RigidFace:
     return RigidFace(load.surface, FaceMotion(centroid, lever, size, basis, given))
 
 
-def _held(scene: Scene, load: RigidLoad, nodes: Int64Array, centroid: FloatArray, size: float) -> FloatArray:
-    """Displacements (6, m) [-] of the six motions that conditions at the surface prescribe.
+def _around(points: FloatArray, normal: FloatArray, size: float) -> FloatArray:
+    """Points (3 n, 3) of a plane: each of points (n, 3), and two at a distance [m] in its directions.
 
     A mirrored face stays rigid with its image: displacements across a symmetry plane vanish on all of the plane.
     """
-    prescribed = scene.prescribed(scene.mesh.points)[nodes]
-    if np.nan_to_num(prescribed).any():
-        raise SceneError(f"{load.what} and a condition both move nodes: let them share none, or hold those at 0")
-    motions = rigid_motions(scene.mesh.points[nodes], centroid, size)
-    held = [motions[:, ~np.isnan(prescribed[:, axis]), axis] for axis in range(3)]
-    for surface, normal in symmetry_planes(scene):
-        on = nodes[np.isin(nodes, scene.place(surface))][:1]
-        inside = np.linalg.svd(normal[None])[2][1:]  # two directions in the plane
-        there = scene.mesh.points[on][:, None] + size * np.concatenate([np.zeros((1, 3)), inside])
-        held.append(rigid_motions(there.reshape(-1, 3), centroid, size) @ normal)
-    return np.concatenate(held, axis=1)
+    inside = np.linalg.svd(normal[None])[2][1:]  # two directions in the plane
+    return (points[:, None] + size * np.concatenate([np.zeros((1, 3)), inside])).reshape(-1, 3)

@@ -1,29 +1,23 @@
 """Consistency of a scene: one system of units, small strains, no unconstrained body.  All is local."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fx_contact.geometry.hexahedral_mesh import PLANE
 from fx_contact.geometry.hexahedron import face_nodes, grid_points
 from fx_contact.geometry.lattice import SIDE
+from fx_contact.geometry.rigid_motions import resisting_points
 from fx_contact.geometry.root_mesh import RootMesh
-from fx_contact.items.boundary_conditions import COMPONENTS, PLANE, Dirichlet, Pressure, SymmetryPlane, Traction
+from fx_contact.items.boundary_conditions import COMPONENTS, SymmetryPlane
 from fx_contact.items.contact import ContactPair
-from fx_contact.items.elastic_support import Elastic
 from fx_contact.items.materials import Orthotropic
 from fx_contact.items.obstacles import RigidSurface
-from fx_contact.items.rigid_motions import resisting_points
 from fx_contact.items.ties import Preload, Tie
 from fx_contact.items.units import pascals
 from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
-from fx_contact.scene.mirrors import symmetry_planes
-
-if TYPE_CHECKING:
-    from fx_contact.scene.scene import Scene
+from fx_contact.scene.scene_items import SceneItems
 
 #: Largest ratios of the moduli and of the sizes of two bodies in double precision [-].
 _STIFFEST, _SMALLEST = 1e15, 1e6
@@ -51,7 +45,7 @@ _ROUNDING = 1e-9
 _SAME = 1e-6
 
 
-def check_units(scene: Scene) -> None:
+def check_units(scene: SceneItems) -> None:
     """Raises SceneError for moduli, sizes, clearances or displacements that cannot be in one system of units."""
     mesh = scene.mesh
     young = {name: scene.materials[name].isotropic.young for name in mesh.regions}
@@ -90,7 +84,7 @@ def check_units(scene: Scene) -> None:
             )
 
 
-def check_springs(scene: Scene) -> None:
+def check_springs(scene: SceneItems) -> None:
     """Raises SceneError for springs that double precision does not hold beside the body that they are on."""
     mesh, size = scene.mesh, np.ptp(scene.mesh.points, axis=0).max()
     for support in scene.springs:
@@ -107,7 +101,7 @@ def check_springs(scene: Scene) -> None:
                 )
 
 
-def check_loads(scene: Scene) -> None:
+def check_loads(scene: SceneItems) -> None:
     """Raises SceneError for a surface force, or springs, that conditions hold entirely; tries functions of position."""
     for load, share in zip((*scene.tractions, *scene.springs), scene.held_shares):
         if share > 1 - _ROUNDING:
@@ -116,10 +110,10 @@ def check_loads(scene: Scene) -> None:
                 "it; name another surface, or leave one of them out"
             )
     for force in scene.body_forces:
-        force.at(scene.samples(force.body))
+        force.at(scene.mesh.samples(force.body))
 
 
-def check_mirrored(scene: Scene) -> None:
+def check_mirrored(scene: SceneItems) -> None:
     """Raises SceneError for an orthotropic material, constant strain or body force that a mirror changes."""
     normals = scene.mirrors.normals  # raises an error for an impossible number of copies
     for force in scene.body_forces:
@@ -137,7 +131,7 @@ def check_mirrored(scene: Scene) -> None:
                     f"{condition.surface!r} has facets of the symmetry plane and of {scene.interfaces[index].label}: "
                     "contact with the mirror image is that with a RigidPlane; else name these facets once"
                 )
-    for _, normal in symmetry_planes(scene) if scene.symmetry > 1 else ():
+    for _, normal in scene.symmetry_planes if scene.symmetry > 1 else ():
         turn, message = (
             np.eye(3) - 2 * np.outer(normal, normal),
             "changes in the mirror of the symmetry plane across {}",
@@ -159,10 +153,10 @@ def check_mirrored(scene: Scene) -> None:
                     raise SceneError(f"{strain.what} {message.format(normal.round(6))}: model the whole")
 
 
-def check_strains(scene: Scene) -> None:
+def check_strains(scene: SceneItems) -> None:
     """Raises SceneError for a stress-free strain that is not small; tries functions of position."""
     for strain in scene.strains:
-        largest = np.linalg.norm(strain.at(scene.samples(strain.part)), axis=(1, 2)).max()
+        largest = np.linalg.norm(strain.at(scene.mesh.samples(strain.part)), axis=(1, 2)).max()
         if largest > _LARGEST_STRAIN:
             raise SceneError(
                 f"{strain.what} gives a strain of {largest:.3g}: strains must be small, check the units (an expansion "
@@ -170,43 +164,7 @@ def check_strains(scene: Scene) -> None:
             )
 
 
-def held_share(scene: Scene, load: Traction | Pressure) -> float:
-    """Share of a surface force that acts on displacements prescribed on facets of its surface; 0 without force [-]."""
-    mesh = scene.mesh
-    held = np.zeros((*mesh.faces.shape, 3), dtype=bool)
-    for condition in scene.conditions:
-        if isinstance(condition, Dirichlet) and condition.where in mesh.surfaces:
-            held[tuple(mesh.surfaces[condition.where].T)] |= condition.held
-    facets = mesh.surface(load.surface)
-    points, area = scene.samples(load.surface), facet_areas(mesh.facet_points(facets, order=1))
-    each = len(points) // len(facets)
-    force = load.at(points, np.repeat(mesh.outward_normals(facets), each, axis=0)).reshape(len(facets), each, 3)
-    sizes = [
-        np.linalg.norm(part, axis=2).mean(axis=1) @ area for part in (force, force * held[tuple(facets.T)][:, None])
-    ]
-    return float(sizes[1] / sizes[0]) if sizes[0] else 0.0
-
-
-def held_stiffness(scene: Scene, springs: Elastic) -> float:
-    """Share of the trace of a stiffness on displacements that conditions prescribe on facets of its surface [-]."""
-    mesh = scene.mesh
-    facets, held = mesh.surface(springs.surface), np.zeros((*mesh.faces.shape, 3, 3))
-    area, stiffness = facet_areas(mesh.facet_points(facets, order=1)), springs.stiffness(mesh.outward_normals(facets))
-    for condition in scene.conditions:
-        if condition.where in mesh.surfaces:
-            held[tuple(mesh.surfaces[condition.where].T)] += condition.across
-    across = held[tuple(facets.T)]
-    span = np.linalg.pinv(across, rcond=PLANE, hermitian=True) @ across
-    of_held, total = (area @ np.einsum("nii->n", part) for part in (span @ stiffness, stiffness))
-    return float(of_held / total)
-
-
-def facet_areas(corners: FloatArray) -> FloatArray:
-    """Areas (n,) of facets with corners (n, 4, 3)."""
-    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0]), axis=1)
-
-
-def check_obstacles(scene: Scene) -> None:
+def check_obstacles(scene: SceneItems) -> None:
     """Raises SceneError for an obstacle with a body inside it, behind the surface, too far away, or not pressed."""
     mesh = scene.mesh
     size = np.ptp(mesh.points, axis=0).max()
@@ -214,7 +172,7 @@ def check_obstacles(scene: Scene) -> None:
         if contact.obstacle is None or not isinstance(contact, ContactPair):
             continue
         facets = mesh.surface(contact.first)
-        distance, towards = contact.distances(scene.samples(contact.first))
+        distance, towards = contact.distances(scene.mesh.samples(contact.first))
         nearest = distance.min()
         if nearest > _LARGEST_STRAIN * size:
             raise SceneError(
@@ -234,7 +192,7 @@ def check_obstacles(scene: Scene) -> None:
                 f"{contact.name!r}: the surface looks away from the obstacle; name the side that may touch it"
             )
         if isinstance(contact.obstacle, RigidSurface):
-            _check_slope(contact, scene.samples(contact.first), _STEP * size)
+            _check_slope(contact, scene.mesh.samples(contact.first), _STEP * size)
         if contact.force is not None:
             _check_force(scene, contact, towards)
 
@@ -264,7 +222,7 @@ def _inside(mesh: RootMesh, contact: ContactPair, body: int) -> float:
     return float(volume @ (farthest <= 0).reshape(len(cells), -1).mean(axis=1) / volume.sum())
 
 
-def _check_force(scene: Scene, contact: ContactPair, towards: FloatArray) -> None:
+def _check_force(scene: SceneItems, contact: ContactPair, towards: FloatArray) -> None:
     """Raises SceneError for a force across a symmetry plane, or along all directions (n, 3) into the obstacle."""
     against = contact.unit_direction
     assert against is not None, "of a pair with a force"
@@ -278,7 +236,7 @@ def _check_force(scene: Scene, contact: ContactPair, towards: FloatArray) -> Non
         raise SceneError(f"{contact.name!r}: the force pulls the obstacle away from the surface; reverse it")
 
 
-def check_ties(scene: Scene) -> None:
+def check_ties(scene: SceneItems) -> None:
     """Raises SceneError for a tie among the contacts, and for tied surfaces that lie apart."""
     if any(isinstance(contact, Tie) for contact in scene.contact):
         raise SceneError(
@@ -314,7 +272,7 @@ def _check_section(mesh: RootMesh, section: Preload) -> None:
         )
 
 
-def _between(scene: Scene, index: int) -> tuple[FloatArray, FloatArray]:
+def _between(scene: SceneItems, index: int) -> tuple[FloatArray, FloatArray]:
     """Distances (n, 9) of tied surfaces at points of the first, nan where none faces it, and facet diagonals [m]."""
     mesh, pair = scene.mesh, scene.contact_surfaces.nonmatching.get(index)
     first = mesh.surface(scene.oriented[index].surfaces[0])
@@ -331,7 +289,7 @@ def _between(scene: Scene, index: int) -> tuple[FloatArray, FloatArray]:
     return distance, np.maximum(size, np.where(facet >= 0, other[facet], 0.0))
 
 
-def check_constrained(scene: Scene) -> None:
+def check_constrained(scene: SceneItems) -> None:
     """Raises SceneError for a rigid motion that no condition, contact or tie resists."""
     motions = scene.rigid_motions
     first, opposite = _facing_bodies(scene)
@@ -367,7 +325,7 @@ def check_constrained(scene: Scene) -> None:
         )
 
 
-def _facing_bodies(scene: Scene) -> tuple[Int64Array, Int64Array]:
+def _facing_bodies(scene: SceneItems) -> tuple[Int64Array, Int64Array]:
     """Facets (n, 2) of first surfaces, and the bodies (n,) that they face, -1: an obstacle.
 
     Without facets that face nothing.

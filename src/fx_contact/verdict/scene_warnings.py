@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from fx_contact.items.boundary_conditions import PLANE, RigidMotion
+from fx_contact.geometry.hexahedral_mesh import PLANE
+from fx_contact.items.boundary_conditions import RigidMotion
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
-from fx_contact.scene.mirrors import mirror_group, symmetry_planes
+from fx_contact.scene.mirrors import mirror_group
 from fx_contact.scene.scene import Scene
-from fx_contact.scene.scene_validation import facet_areas
 from fx_contact.verdict.validity import LARGE, MISSED, ModelWarning
 
 
@@ -64,7 +64,7 @@ def _loads_on_contact(scene: Scene) -> list[ModelWarning]:
     joined = (scene.contact_surfaces.contact >= 0) & (scene.contact_surfaces.contact < scene.joins)
     for load in (*scene.tractions, *scene.springs):
         facets = mesh.surface(load.surface)
-        area = facet_areas(mesh.facet_points(facets, order=1))
+        area = mesh.facet_areas(facets)
         share = float(area @ joined[tuple(facets.T)] / area.sum())
         if share > MISSED:
             message = (
@@ -85,7 +85,7 @@ def _free_on_planes(scene: Scene) -> list[ModelWarning]:
     if mirrors.parts == scene.symmetry:
         return [free for row, at in zip(mirrors.normals, mirrors.at) for free in _free_on(scene, np.asarray(row), at)]
     warnings, held = list[ModelWarning](), list[FloatArray]()
-    for name, normal in symmetry_planes(scene):
+    for name, normal in scene.symmetry_planes:
         at = float((scene.mesh.facet_points(scene.mesh.surface(name), order=1) @ normal).mean())
         free = _free_on(scene, normal, at)
         warnings += free

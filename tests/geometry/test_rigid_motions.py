@@ -5,9 +5,9 @@ import pytest
 from model_problems import ALONG, PLANES, wedge
 
 from fx_contact import Dirichlet, SceneError
+from fx_contact.geometry.rigid_motions import RigidMotions
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.geometry.solids import block
-from fx_contact.items.rigid_motions import RigidMotions
 
 
 def brick(size):
@@ -44,7 +44,7 @@ def test_what_oblique_planes_leave_free():
     scene = wedge()
     planes, nothing = scene.oblique_planes, np.full(scene.mesh.points.shape, np.nan)
     for count, free in enumerate((6, 3, 1, 0)):
-        given = [(scene.place(plane.where), np.array(plane.normal)) for plane in planes[:count]]
+        given = [(scene.mesh.nodes_of(plane.where), np.array(plane.normal)) for plane in planes[:count]]
         motions = RigidMotions(scene.mesh, nothing, given)
         assert motions.free.shape == (free, 1, 6)
         if free == 1:

@@ -5,8 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
+from fx_contact.geometry.hexahedral_mesh import PLANE
 from fx_contact.geometry.root_mesh import RootMesh
-from fx_contact.items.boundary_conditions import PLANE
 from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
 
 #: Eigenvalues of R^T R below this fraction of the largest are rounding errors.
