@@ -82,8 +82,8 @@ def adapt(
             it must not raise.
 
     Returns:
-        An iterator of Step, until xi / (e omega) <= 1 (6), or max_steps are done.  By default xi is corrected by the
-        effectivity, measured by two meshes or assumed on a first one, and contact is resolved (`ErrorControl`).
+        An iterator of Step, until xi / (e omega) <= 1 (6), or max_steps are done.  By default xi of a first
+        mesh is divided by an assumed effectivity, and contact is resolved (`ErrorControl`).
 
     Raises:
         SceneError: a tolerance that is not positive, another degree, an order above that of the root mesh, an unknown
@@ -194,7 +194,7 @@ class Run:
         self._max_steps, self._source, self._writer, self._progress = max_steps, source, writer, progress
         self._line = progress if isinstance(progress, ProgressLine) else None
         self._next: tuple[Forest, FloatArray | None] | None = None  # to solve on, with the values at its nodes
-        self._history, self._finished = settings.begin(), False
+        self._first, self._finished = True, False  # the next mesh is a first one
         self._approaches: Sequence[float | None] | None = None  # of the last step
         self._last: dict[str, Any] = {"record": None, "forest": None, "displacement": None}  # for FxContactError
 
@@ -275,9 +275,7 @@ class Run:
         elif source is not None:
             self._approaches = source.approaches
             self._next = source.forest, source.of_degree(self.settings.degree)
-            if source.history is not None:
-                one_mesh = source.history.compared or self._history.compared
-                self._history = replace(source.history, compared=one_mesh)
+            self._first = not source.adapted
         else:
             with stages("partition"):
                 self._next = first_forest(self.settings.scene, self._comm, self._kind), None
@@ -288,16 +286,14 @@ class Run:
         state, settings = checkpoint.load(), self.settings
         self._approaches = state.approaches
         self.records, self._last["record"] = list(checkpoint.records), checkpoint.records[-1]
-        control, progress = settings.control, (state.estimate, settings.tolerance, state.history)
+        control, progress = settings.control, (state.estimate, settings.tolerance, state.effectivity)
         more = self._comm.allreduce(bool(state.refine.any()), op=MPI.LOR)
         if (control.sought(*progress) is None and not more) or len(self.records) >= self._max_steps:
-            self._next = state.forest, state.values
-            self._history = replace(state.history, refined=False)  # its change is in the effectivity already
+            self._next, self._first = (state.forest, state.values), state.effectivity < 1.0
             del self.records[-1]
             self._last["record"] = self.records[-1] if self.records else None
             return
-        marked, self._history = control.marked(*progress, self._comm)
-        times = np.maximum(marked, state.refine)
+        times, self._first = np.maximum(control.marked(*progress, self._comm), state.refine), False
         self._next = state.forest.refined_with(times, state.values)
 
     def _refine(self) -> Stages:
@@ -306,14 +302,13 @@ class Run:
         _check_penalty(step, settings)
         stages = self._stages(step.record.step + 1)
         with stages("refine"):
-            marked, self._history = settings.control.marked(
-                step.estimate, settings.tolerance, step.history, self._comm
-            )
+            progress = step.estimate, settings.tolerance, step.record.assumed_effectivity
+            marked = settings.control.marked(*progress, self._comm)
             times = np.zeros(len(step.forest), dtype=np.int8)
             times[step.leaf_mesh.leaf] = marked
             values = np.concatenate([step.nodal_displacement, step.carried], axis=2)
             self._next = step.forest.refined_with(np.maximum(times, step.contact_error.refine), values)
-        self.step = None
+        self.step, self._first = None, False
         return stages
 
     def _solve(self, stages: Stages) -> None:
@@ -356,7 +351,8 @@ class Run:
             values = np.zeros((*prolongation.space.cells.shape, 3))
         leaf, node = prolongation.space.example.T
         displacement = prolongation.injected(values[leaf, node, :3])
-        return StepStart(prolongation, displacement, values[..., 3:].copy(), self._history, self._approaches)
+        theta = self.settings.control.effectivity(self._first)
+        return StepStart(prolongation, displacement, values[..., 3:].copy(), theta, self._approaches)
 
     def _stages(self, number: int) -> Stages:
         """Stages of a step, reported to the user's progress."""
@@ -366,8 +362,8 @@ class Run:
 
 def _check_penalty(step: Step, settings: Settings) -> None:
     """Raises SolveError if only the error of a penalty is left, which no mesh reduces.  Local."""
-    tolerance = settings.tolerance
-    if not step.contact_error.leaves and settings.control.sought(step.estimate, tolerance, step.history) is None:
+    tolerance, theta = settings.tolerance, step.record.assumed_effectivity
+    if not step.contact_error.leaves and settings.control.sought(step.estimate, tolerance, theta) is None:
         share = percent(step.record.penalty_share or 0.0)
         raise SolveError(
             f"the penalty is too soft for the tolerance: penetration takes {share} of "

@@ -5,7 +5,7 @@ with its displacement 32.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 from uuid import uuid4
@@ -17,7 +17,6 @@ from mpi4py import MPI
 from fx_contact.adaptive.checkpoint_file import CheckpointFile, write_checkpoint
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
-from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.estimator import Estimate
 from fx_contact.fem.space import Space, child_error
 from fx_contact.forest.forest import Forest
@@ -97,7 +96,6 @@ class CheckpointWriter:
             "degree": prolongation.space.degree,
             "records": [record.as_json() for record in records],
             "estimate": [error.error_global, error.energy_norm, error.cells],
-            "history": asdict(step.history),
         }
         arrays = {
             "leaves": leaf_code(forest.cell, forest.anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS) | level,
@@ -140,6 +138,7 @@ class State:
         values: (n, (p+1)^3, 3 + k) at the nodes of the leaves: displacement [m], then carried fields.
         estimate: its errors in the order of the leaves.
         refine: (n,), number of refinements of each leaf for contact, beside those for the estimate.
+        effectivity: assumed of the estimate, `StepRecord.assumed_effectivity`.
         approaches: `StepRecord.approaches`.
     """
 
@@ -147,7 +146,7 @@ class State:
     values: FloatArray
     estimate: Estimate
     refine: Int8Array
-    history: RefinementHistory
+    effectivity: float
     approaches: Sequence[float | None] | None
 
     @classmethod
@@ -155,8 +154,9 @@ class State:
         """The state after a step, without carried fields.  Collective on step.forest.comm."""
         error, at_edge = _by_leaf(step, step.estimate.error), _by_leaf(step, _at_edge(step))
         estimate = replace(step.estimate, error=error, energy=None, at_edge=at_edge)
-        refine, found = step.contact_error.refine, step.record.approaches
-        return cls(step.forest, step.nodal_displacement, estimate, refine, step.history, found)
+        refine, record = step.contact_error.refine, step.record
+        values, theta = step.nodal_displacement, record.assumed_effectivity
+        return cls(step.forest, values, estimate, refine, theta, record.approaches)
 
 
 class Checkpoint:
@@ -222,5 +222,5 @@ class Checkpoint:
         values, _ = directory.lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
         xi, omega, cells = content["estimate"]
         estimate = Estimate(error, None, xi, omega, cells, child_error(space.degree), at_edge)
-        history = RefinementHistory(**content["history"])
-        return State(forest, values[space.cells], estimate, refine, history, self.records[-1].approaches)
+        last = self.records[-1]
+        return State(forest, values[space.cells], estimate, refine, last.assumed_effectivity, last.approaches)

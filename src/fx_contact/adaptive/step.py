@@ -19,7 +19,6 @@ from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import report_text
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.contact_goals import ContactError
-from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.estimate.stress_projection import projected_stress
@@ -42,14 +41,12 @@ class Step(SolvedState):
 
     Attributes:
         start: (owned, 3), first guess of the solve, carried from the step before [m].
-        history: with the effectivity measured by this step.
         stages: of this step, from the refinement that led to it.
         carried: (n, (p+1)^3, k) at the nodes of the leaves, further fields carried through refinement.
     """
 
     record: StepRecord
     start: FloatArray
-    history: RefinementHistory
     contact_error: ContactError
     stages: Stages
     carried: FloatArray

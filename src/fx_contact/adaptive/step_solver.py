@@ -17,7 +17,6 @@ from fx_contact.contact.row_kinds import columns_at_rest, create_rows
 from fx_contact.estimate.contact_edge import cells_at_edge
 from fx_contact.estimate.contact_goals import ContactError, contact_error, force_goals
 from fx_contact.estimate.dual_weighted import Goals
-from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.equilibrium import WHERE_ROUNDING_IS_LARGE, check_balance, nodal_residual
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.goal_errors import GoalRecord, judge_goals
@@ -61,14 +60,14 @@ class StepStart:
     Attributes:
         displacement: (owned, 3), first guess [m].
         carried: (n, (p+1)^3, k), further fields at the nodes of the leaves.
-        history: of the run so far.
+        effectivity: assumed of the estimate, as `ErrorControl.effectivity`.
         approaches: `StepRecord.approaches` of the step before, if it is known.
     """
 
     prolongation: Prolongation
     displacement: FloatArray
     carried: FloatArray
-    history: RefinementHistory
+    effectivity: float
     approaches: Sequence[Any] | None = None
 
     @property
@@ -90,7 +89,6 @@ class _Assessment(NamedTuple):
     """A solution with its errors, its contact, and violated assumptions."""
 
     state: SolvedState
-    history: RefinementHistory
     contact_error: ContactError
     goals: tuple[GoalRecord, ...]
     figures: ContactFigures
@@ -122,9 +120,8 @@ def solve_step(
             assessed = _assess(settings, start, discrete, solution, system, stages)
     return Step(
         **vars(assessed.state),
-        record=_record(settings, number, partition, assessed, stages),
+        record=_record(settings, number, start, partition, assessed, stages),
         start=start.displacement,
-        history=assessed.history,
         contact_error=assessed.contact_error,
         stages=stages,
         carried=start.carried,
@@ -205,22 +202,18 @@ def _assess(
         SolveError: the linear solver or equilibrium are off by more than the tolerance allows.
         ValidityError: the solution is far outside of linear elasticity.
     """
-    tolerance, control, comm = settings.tolerance, settings.control, start.forest.comm
+    tolerance, comm = settings.tolerance, start.forest.comm
     state, duals = _estimate(settings, start, discrete, solution, system, stages)
     _check_solver(state, tolerance)
     residual = _checked_residual(state, discrete)
     warnings = [*model_warnings(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
     check_model_warnings(warnings, settings.allow)
-    history = start.history
-    if control.of_contact:
-        change = state.elasticity.change_norm(solution.displacement - start.displacement)
-        history = history.observed(state.estimate, change, control.least_effectivity)
     figures = figures_of_contact(state.scene, state.rows, solution, comm)
     resultants = sum_up(state, residual, discrete.load_totals, np.array(figures.contact_centre))
-    met = control.sought(state.estimate, tolerance, history) is None
-    of_contact, goals = _errors_of_goals(settings, state, residual, figures, history, duals, met)
+    met = settings.control.sought(state.estimate, tolerance, start.effectivity) is None
+    of_contact, goals = _errors_of_goals(settings, state, residual, figures, start.effectivity, duals, met)
     reached = met and not of_contact.leaves and (of_contact.penalty_share or 0.0) <= tolerance**2
-    return _Assessment(state, history, of_contact, goals, figures, resultants, warnings, bool(reached))
+    return _Assessment(state, of_contact, goals, figures, resultants, warnings, bool(reached))
 
 
 def _estimate(
@@ -273,7 +266,7 @@ def _errors_of_goals(
     state: SolvedState,
     residual: FloatArray,
     figures: ContactFigures,
-    history: RefinementHistory,
+    theta: float,
     duals: Goals,
     met: bool,
 ) -> tuple[ContactError, tuple[GoalRecord, ...]]:
@@ -283,7 +276,7 @@ def _errors_of_goals(
     forces = {}
     if holds_contact:
         forces = force_goals([pair.name for pair in contacts], figures.pair_forces, settings.tolerance)
-    goals, theta = (*forces.values(), *settings.goals), control.correction(history)
+    goals = *forces.values(), *settings.goals
     judged = judge_goals(goals, duals if met else None, state, residual, theta, control)
     of_user = judged[len(forces) :]
     between = duals.between if holds_contact else None
@@ -292,7 +285,12 @@ def _errors_of_goals(
 
 
 def _record(
-    settings: Settings, number: int, partition: PartitionSummary, assessed: _Assessment, stages: Stages
+    settings: Settings,
+    number: int,
+    start: StepStart,
+    partition: PartitionSummary,
+    assessed: _Assessment,
+    stages: Stages,
 ) -> StepRecord:
     """Record of a step.  Collective."""
     state, of_contact = assessed.state, assessed.contact_error
@@ -306,7 +304,7 @@ def _record(
         control=settings.control.mode,
         contact_iterations=state.solution.contact_iterations,
         preconditioner=state.solution.preconditioner,
-        assumed_effectivity=settings.control.effectivity(assessed.history),
+        assumed_effectivity=start.effectivity,
         pair_errors=of_contact.pair_errors,
         pair_leaves=of_contact.pair_leaves,
         penetrated_leaves=of_contact.penetrated_leaves,

@@ -17,8 +17,6 @@ from fx_contact.adaptive.checkpoint_file import CheckpointFile
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import html_table, table_head, table_row
-from fx_contact.estimate.effectivity import RefinementHistory
-from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.space import Space
 from fx_contact.forest.coarsening import coarsened
 from fx_contact.forest.forest import Forest
@@ -217,9 +215,9 @@ class Sweep:
         """The Run of a scene after its first step, and its start.  Collective."""
         options, last = self._options, self._last
         if last is not None and _same_root(last, scene):
-            control, kind = options.get("control") or ErrorControl(), options.get("partition_kind", "contact-sfc")
+            kind = options.get("partition_kind", "contact-sfc")
             try:
-                begin = carried_over(last, self._tolerance, control, kind)
+                begin = carried_over(last, self._tolerance, kind)
                 return self._begun(scene, options | {"beginning": begin}), COARSE
             except PartitionError:  # the coarse forest has too few leaves for the ranks
                 pass
@@ -274,25 +272,24 @@ def _same_root(state: State, scene: Scene) -> bool:
     return same_mesh(forest.mesh, scene.mesh) and forest.stands_on(scene.pairing, scene.contact_surfaces)
 
 
-def carried_over(state: State, tolerance: float, control: ErrorControl, kind: str) -> Beginning:
+def carried_over(state: State, tolerance: float, kind: str) -> Beginning:
     """The coarsened forest of a state, and its displacement there, a first guess.
 
     Collective on state.forest.comm.  Criterion (2) refines cells with an error above e omega / sqrt(N).  A leaf merges
     with its siblings if two refinements of the parent, the most of one marking, are expected to lead to at most this
-    error (smooth solution).  A run then has two meshes as a rule, and measures the effectivity of the estimator.
+    error (smooth solution).  A run then has two meshes as a rule.
 
     Args:
         tolerance: prescribed accuracy e [-].
         kind: of partition, a key of `partition.KINDS`.
     """
-    forest, estimate, history = state.forest, state.estimate, state.history
-    allowed = (control.correction(history) * tolerance * estimate.energy_norm) ** 2 / estimate.cells
+    forest, estimate = state.forest, state.estimate
+    allowed = (state.effectivity * tolerance * estimate.energy_norm) ** 2 / estimate.cells
     merges = _merges(estimate.error**2, allowed / estimate.child_error**2, estimate.child_error, forest.level)
-    history = RefinementHistory(history.effectivity)
     if not forest.comm.allreduce(bool(merges.any()), op=MPI.LOR):
-        return Beginning(forest, state.values, history, state.approaches)
+        return Beginning(forest, state.values, approaches=state.approaches)
     merged = coarsened(forest, forest.level - merges, kind)
-    return Beginning(merged, _on_nodes(forest, state.values, merged), history, state.approaches)
+    return Beginning(merged, _on_nodes(forest, state.values, merged), approaches=state.approaches)
 
 
 def _merges(error2: FloatArray, allowed: float, child_error: float, level: Int8Array) -> Int8Array:
