@@ -22,11 +22,11 @@ from model_problems import leaves, step_record, vertex_positions
 from mpi4py import MPI
 
 from fx_contact import Enforcement, ErrorControl, Material, Traction, adapt
-from fx_contact.adaptive import adaptive_loop
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint
 from fx_contact.adaptive.checkpoint_file import CheckpointFile, write_checkpoint
 from fx_contact.adaptive.step_record import StepRecord
+from fx_contact.fem import nodal_fields
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest import forest
@@ -111,9 +111,9 @@ def test_holds_what_the_step_had(scene, folder, degree, steps):
     state = Checkpoint(folder, scene, WORLD).load()
     everywhere(np.array_equal(leaves(step.forest), leaves(state.forest)), "other leaves")
     displacement, error = by_leaf(step.forest, values, indicator)
-    again, error_again = by_leaf(state.forest, state.values, state.estimate.error)
+    again, error_again = by_leaf(state.forest, state.fields["displacement"], state.estimate.error)
     assert np.array_equal(error, error_again) and state.estimate.relative == step.estimate.relative
-    assert state.effectivity == 1.0
+    assert state.adapted
     # Of a hanging vertex ranks have values that differ by rounding.
     assert np.abs(displacement - again).max() <= (WORLD.size > 1) * 1e-15 * np.abs(displacement).max()
     size = (folder / NAME).stat().st_size
@@ -360,7 +360,7 @@ def test_disk_full_in_a_run(scene, folder):
 
 @pytest.mark.parametrize(
     "place, name, error",
-    [(Forest, "refined_with", errors.GeometryError), (adaptive_loop, "repartition", errors.PartitionError)],
+    [(Forest, "refined_with", errors.GeometryError), (nodal_fields, "repartition", errors.PartitionError)],
 )
 def test_error_between_steps(scene, monkeypatch, place, name, error):
     """What fails between steps holds the last one."""

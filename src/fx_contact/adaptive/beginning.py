@@ -7,11 +7,12 @@ from typing import Self
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step, check_step
+from fx_contact.fem.nodal_fields import NodalFields
 from fx_contact.fem.space import DEGREES
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
-from fx_contact.geometry import hexahedron
 from fx_contact.geometry.lattice import MAX_LEVEL
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
@@ -69,13 +70,11 @@ class Beginning:
         if self.approaches is not None:
             check_approaches(self.approaches, scene)
 
-    def of_degree(self, degree: int) -> FloatArray:
-        """The values as nodal values (n, (degree+1)^3, 3 + k) of a degree.  Local."""
-        own = hexahedron.order_of(self.values.shape[1])
-        if own == degree:
-            return self.values
-        functions = hexahedron.lagrange(own, np.linspace(0, 1, degree + 1))
-        return hexahedron.tensor_evaluate((functions,) * 3, self.values)
+    def state(self, degree: int) -> State:
+        """The state from which a run with displacements of a degree begins.  Local."""
+        sizes = {"displacement": 3, "carried": self.values.shape[2] - 3}
+        fields = NodalFields(self.forest, self.values, sizes)
+        return State(fields.of_degree(degree), self.approaches, self.adapted)
 
     @classmethod
     def at_rest(cls, forest: Forest) -> Self:

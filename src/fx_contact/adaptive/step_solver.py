@@ -27,6 +27,7 @@ from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import body_force, load_and_totals
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
+from fx_contact.fem.nodal_fields import NodalFields
 from fx_contact.fem.nodal_strain import stress_free_strain
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.springs import Springs
@@ -51,6 +52,8 @@ from fx_contact.verdict.validity import ModelWarning, check_model_warnings, mode
 RIGID = 1e3
 #: Largest part of the prescribed error for linear solver and rounding: errors add in squares, and a tenth adds 0.5 %.
 SOLVER_SHARE = 0.1
+#: Name of the field with the displacement of the point before, in a load path of increments.
+HISTORY = "history"
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +62,14 @@ class StepStart:
 
     Attributes:
         displacement: (owned, 3), first guess [m].
-        carried: (n, (p+1)^3, k), further fields at the nodes of the leaves.
+        fields: further fields at the nodes of the leaves.
         effectivity: assumed of the estimate, as `ErrorControl.effectivity`.
         approaches: `StepRecord.approaches` of the step before, if it is known.
     """
 
     prolongation: Prolongation
     displacement: FloatArray
-    carried: FloatArray
+    fields: NodalFields
     effectivity: float
     approaches: Sequence[Any] | None = None
 
@@ -74,6 +77,13 @@ class StepStart:
     def forest(self) -> Forest:
         """Forest of the space."""
         return self.prolongation.space.forest
+
+    @property
+    def history_displacement(self) -> FloatArray:
+        """Displacement (owned, 3) of the point before in a load path of increments; 0 at the first [m].  Local."""
+        if HISTORY not in self.fields:
+            return np.zeros_like(self.displacement)
+        return self.prolongation.injected(self.fields.at_nodes(self.prolongation.space, HISTORY))
 
 
 class _Discrete(NamedTuple):
@@ -124,7 +134,7 @@ def solve_step(
         start=start.displacement,
         contact_error=assessed.contact_error,
         stages=stages,
-        carried=start.carried,
+        fields=start.fields,
     )
 
 
