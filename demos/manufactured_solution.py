@@ -123,7 +123,7 @@ def adapt_manufactured(
         max_steps: most solves.
     """
     control = ErrorControl() if control is None else control
-    mesh, history, step = quarter_ring(order, coarse), control.begin(degree, _MATERIAL.poisson, functions=True), None
+    mesh, step = quarter_ring(order, coarse), None
     for number in range(max_steps):
         stages = Stages()
         if step is None:
@@ -133,8 +133,7 @@ def adapt_manufactured(
         else:
             times = np.ones(len(forest), dtype=np.int8)
             if not uniform:
-                marked, history = control.marked(step.estimate, tolerance, history, comm)
-                times[step.elasticity.leaf_mesh.leaf] = marked
+                times[step.elasticity.leaf_mesh.leaf] = control.marked(step.estimate, tolerance, 1.0, comm)
             forest, _ = forest.refined_with(times)
         with stages("partition"):
             forest, _ = repartition(forest, None, "contact-sfc")

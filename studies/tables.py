@@ -62,7 +62,6 @@ COLUMNS = {
         "estimated": "{estimate:.2%}",
         "true": "{true_error:.2%}",
         "effectivity": "{effectivity:.2f}",
-        "corrected": "{corrected:.2f}",
     },
     "studies/effectivity/hertz_truth.csv": {
         "displacements": "{line}",

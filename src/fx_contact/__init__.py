@@ -1,5 +1,8 @@
 """Adaptive 3D contact mechanics on FEniCSx: elastic bodies pressed together to a prescribed accuracy, in parallel."""
 
+import warnings
+from typing import Any
+
 from fx_contact.adaptive.adaptive_loop import Run, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
@@ -41,7 +44,7 @@ from fx_contact.parallel.errors import (
 )
 from fx_contact.parallel.meeting import expect_end
 from fx_contact.parallel.validation import named_arguments
-from fx_contact.path.load_path import Sweep, SweepPoint, sweep
+from fx_contact.path.load_path import LoadPath, SweepPoint, increments, sweep
 from fx_contact.path.sweep_record import SweepRecord
 from fx_contact.scene.scene import Scene
 from fx_contact.verdict.resultants import Resultant
@@ -69,8 +72,9 @@ __all__ = [
     "Gap",
     "GeometryError",
     "GoalRecord",
-    "Material",
     "InitialStrain",
+    "LoadPath",
+    "Material",
     "MaxPressure",
     "Orthotropic",
     "OutputError",
@@ -96,7 +100,6 @@ __all__ = [
     "Solver",
     "Step",
     "StepRecord",
-    "Sweep",
     "SweepPoint",
     "SweepRecord",
     "SymmetryPlane",
@@ -110,6 +113,7 @@ __all__ = [
     "block",
     "cylinder",
     "extrude",
+    "increments",
     "join",
     "revolve",
     "ring",
@@ -120,6 +124,18 @@ __all__ = [
     "sweep",
     "sweep_side",
 ]
+
+#: Former names, removed in the next version.
+_FORMER = {"Sweep": "LoadPath"}
+
+
+def __getattr__(name: str) -> Any:
+    """A former name, with a warning."""
+    if name not in _FORMER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warnings.warn(f"{name} is now {_FORMER[name]}", DeprecationWarning, stacklevel=2)
+    return globals()[_FORMER[name]]
+
 
 for _name in __all__:
     named_arguments(globals()[_name])

@@ -1,9 +1,7 @@
 """Effectivity of the error estimate at both degrees: estimated over true error.
 
 Each case is solved on meshes of half the estimated error each. The solution on the last one is the reference, with its
-own estimate added in squares; of the manufactured solution the error is known. "assumed" is the effectivity by which a
-run corrects its estimate, measured between two of its meshes: 1 from `ErrorControl.trusted_effectivity` on; "corrected"
-is the effectivity of the estimate over it.
+own estimate added in squares; of the manufactured solution the error is known.
 
     python3 -m studies.effectivity.run [--only WORD] [--degree P] [--most UNKNOWNS]
 
@@ -11,7 +9,6 @@ It leaves table.csv in results/effectivity.
 """
 
 import argparse
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -25,7 +22,7 @@ from fx_contact.results.accuracy import energy_distance
 from fx_contact.scenes import hertz, indentation
 from studies.tables import write
 
-COLUMNS = ("case", "degree", "cells", "dofs", "estimate", "true_error", "effectivity", "assumed", "corrected")
+COLUMNS = ("case", "degree", "cells", "dofs", "estimate", "true_error", "effectivity")
 
 
 def plate(poisson=0.3, slender=20):
@@ -41,10 +38,10 @@ def plate(poisson=0.3, slender=20):
 
 
 def manufactured(degree, most, **how):
-    """(cells, dofs, estimate, true error, assumed effectivity) of each mesh of the manufactured solution."""
+    """(cells, dofs, estimate, true error) of each mesh of the manufactured solution."""
     for step in adapt_manufactured(1e-3, degree=degree, **how):
         record = step.record
-        yield record.cells, record.dofs, record.estimate, record.true_error, 1.0
+        yield record.cells, record.dofs, record.estimate, record.true_error
         if 8 * record.dofs > most:
             return
 
@@ -59,16 +56,13 @@ def overrefined(scene, degree, most):
         records.append(step.record)
         marked = np.zeros(len(step.forest), dtype=np.int8)
         tolerance, comm = step.record.estimate / 2, step.forest.comm
-        marked[step.leaf_mesh.leaf], loss = for_tolerance(step.estimate, tolerance, 1.0, control, comm)
+        marked[step.leaf_mesh.leaf] = for_tolerance(step.estimate, tolerance, control, comm)
         values = np.concatenate([step.nodal_displacement, step.carried, step.nodal_displacement], axis=2)
-        refined = {"error2": step.estimate.error_global**2, "expected_loss": loss, "refined": True}
-        beginning = Beginning(*step.forest.refined_with(marked, values), replace(step.history, **refined))
+        beginning = Beginning(*step.forest.refined_with(marked, values))
     for number, record in enumerate(records):
         distance = energy_distance(step, step.carried[:, :, 3 * number : 3 * number + 3])
         true = float(np.hypot(distance, step.record.estimate))
-        seen = record.assumed_effectivity
-        assumed = 1.0 if not number or seen >= control.trusted_effectivity else seen
-        yield record.cells, record.dofs, record.estimate, true, assumed
+        yield record.cells, record.dofs, record.estimate, true
 
 
 def cases():
@@ -99,11 +93,10 @@ def main():
     for name, figures in cases().items():
         for degree in (1, 2) if given.degree is None else (given.degree,):
             if given.only in name:
-                for cells, dofs, estimate, true, assumed in figures(degree, given.most):
-                    seen = estimate / true
-                    values = name, degree, cells, dofs, estimate, true, seen, assumed, seen / assumed
+                for cells, dofs, estimate, true in figures(degree, given.most):
+                    values = name, degree, cells, dofs, estimate, true, estimate / true
                     rows.append(dict(zip(COLUMNS, values)))
-                    told = f"{estimate:7.2%} {true:7.2%} {seen:6.3f} {assumed:6.3f} {seen / assumed:6.3f}"
+                    told = f"{estimate:7.2%} {true:7.2%} {estimate / true:6.3f}"
                     print(f"{name:30} {degree} {dofs:9,} {told}", flush=True)
     write(given.output / "table.csv", rows)
 

@@ -35,7 +35,7 @@ SCENES = {
     "beam, gap that stays open": (partial(beam, 1.01), 0.3, None),
 }
 #: Values that are tried; a share is at most 1.
-VALUES = {"target": (0.45, 1.0), "trusted_effectivity": (0.4, 1.0), "least_effectivity": (0.2, 0.8)}
+VALUES = {"target": (0.45, 1.0), "least_effectivity": (0.2, 0.8)}
 
 
 #: Unknowns with which a run ends at the latest.

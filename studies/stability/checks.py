@@ -23,7 +23,6 @@ from dolfinx import fem
 from fx_contact import Solver
 from fx_contact.contact.constraint_rows import Role
 from fx_contact.contact.row_motions import RowMotions
-from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
 from fx_contact.scene.rigid_faces import RigidFace
@@ -34,6 +33,8 @@ CONTRACT = 1e-7
 LOST = 0.01
 #: Pairs may penetrate by this part of the approach, or be apart and carry force: the gap tolerance of the program.
 GAP_TOLERANCE = 1e-6
+#: Effectivity of the estimate down to which a solution counts as accurate: the target of studies/effectivity.
+TRUSTED = 0.8
 
 
 @dataclass(frozen=True)
@@ -134,10 +135,9 @@ class State:
     def stated(self):
         """What discretisation changes in force and energy by the record, at most, relative.
 
-        A run takes the estimate at its word from `trusted_effectivity` on, so the error may be so much larger.
+        A run takes an estimate at its word; of later meshes than the first its effectivity may be `TRUSTED`.
         """
-        seen, trusted = self.record.assumed_effectivity, ErrorControl.trusted_effectivity
-        return self.restraint * (self.record.estimate / (trusted * (1.0 if seen >= trusted else seen))) ** 2
+        return self.restraint * (self.record.estimate / (TRUSTED * self.record.assumed_effectivity)) ** 2
 
     def asked(self):
         """What discretisation changes in force and energy if the run is as accurate as it was asked to be, relative.

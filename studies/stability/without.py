@@ -2,7 +2,7 @@
 
     python3 -m studies.stability.without            # half an hour on two cores
     python3 -m studies.stability.without --rule forces --axis "between nodes"
-    python3 -m studies.stability.without --together forces effectivity
+    python3 -m studies.stability.without --together forces "effectivity of first meshes"
 
 Each rule is switched off, the others as they are, on the scenes of the stress matrix that take less than `SECONDS` with
 all rules.  The twins that they are compared with have all rules.  Scenes are left out that are compared with themselves
@@ -46,7 +46,7 @@ RULES = {
     "forces": (step_solver, "force_goals", lambda *_: {}),
     "gap between nodes in a force": (GapBetweenNodes, "on_cells", lambda between, _: _no_gap(between)),
     "penetration between nodes": (GapBetweenNodes, "penetrated", _none),
-    "effectivity": (ErrorControl, "correction", lambda *_: 1.0),
+    "effectivity of first meshes": (ErrorControl, "effectivity", lambda *_: 1.0),
 }
 
 

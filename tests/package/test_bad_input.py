@@ -656,8 +656,8 @@ CASES[SceneError] += [
     ),
     *(
         (
-            lambda value=value: first(beginning=replace(Beginning.uniform(small_hertz(), 0, COMM), history=value)),
-            "history of a Beginning must be a RefinementHistory",
+            lambda value=value: first(beginning=replace(Beginning.uniform(small_hertz(), 0, COMM), adapted=value)),
+            "`adapted` of a Beginning must be True or False",
         )
         for value in (np.zeros((2, 2)), 0, "much")
     ),

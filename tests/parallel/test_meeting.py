@@ -12,7 +12,18 @@ import pytest
 from conftest import everywhere, outside
 from mpi4py import MPI
 
-from fx_contact import Beginning, CallError, Checkpoint, RootMesh, adapt, root_mesh_from_file, scenes, solve, sweep
+from fx_contact import (
+    Beginning,
+    CallError,
+    Checkpoint,
+    RootMesh,
+    adapt,
+    increments,
+    root_mesh_from_file,
+    scenes,
+    solve,
+    sweep,
+)
 from fx_contact.parallel import meeting
 from fx_contact.parallel.meeting import calling, collective
 from fx_contact.plot import draw_convergence, draw_mesh, draw_partition, draw_pressure, draw_stress
@@ -39,6 +50,7 @@ CALLS = {
     "solve": lambda run, folder: solve(run.step.scene, 0.1),
     "the next step of adapt": lambda run, folder: next(run),
     "sweep": lambda run, folder: sweep(lambda _: run.step.scene, [1.0], 0.1),
+    "increments": lambda run, folder: increments(lambda _: run.step.scene, [1.0], 0.1),
     FIELDS: lambda run, folder: write_fields(run.step, folder),
     "true_error of step 0": lambda run, folder: true_error(run.step, 0.01),
     "contact_errors of step 0": lambda run, folder: contact_errors(run.step, None),
@@ -274,7 +286,7 @@ def collective_calls():
 
 
 #: What communicates in something else that it asks for, or not at all.
-_ELSEWHERE = {"Step.ds", "Run.__init__", "Run.last_step", "Sweep.__init__"}
+_ELSEWHERE = {"Step.ds", "Run.__init__", "Run.last_step", "LoadPath.__init__"}
 
 
 def test_all_calls_have_meetings():

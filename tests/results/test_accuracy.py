@@ -93,36 +93,37 @@ def clamped(poisson, sideways=(), **arguments):
 
 
 def test_a_mesh_without_free_vertices_is_not_taken_for_right():
-    """Blocks held at all root vertices are in uniform compression there, without an estimated error, and wrong."""
+    """Blocks held at all root vertices are in uniform compression there, without an estimated error, and wrong.
+
+    On the next mesh degree 1 shows 0.6 of the error.
+    """
     sideways = [Dirichlet(name, x=0.0, y=0.0) for pair in clamped(0.3).contact for name in (pair.first, pair.second)]
     first, *_, last = (step.record for step in adapt(clamped(0.3, sideways, cells=(4, 4, 1)), 0.2, degree=1))
     *_, fine = adapt(clamped(0.3, sideways, cells=(6, 6, 6)), 0.07)
     assert first.estimate < 1e-6 and not first.reached and last.reached
     errors = [record.force / fine.record.force - 1 for record in (first, last)]  # of the energy
-    assert errors[1] < 0.2**2 < errors[0]
+    assert last.estimate < 0.2 and 0.5 < last.estimate / np.sqrt(errors[1]) < 0.8 and errors[1] < 0.3**2 < errors[0]
 
 
 @pytest.mark.ranks(1)
 def test_tolerance_is_kept_in_nearly_incompressible_columns():
-    """One tall cell a body between clamped ends, with one volume strain a cell: the run knows what it does not see."""
+    """One tall cell a body between clamped ends, with one volume strain a cell: one mesh is not enough."""
     few, many = (clamped(0.4, height=10.0, cells=cells) for cells in ((2, 2, 1), (3, 3, 18)))
     *_, fine = adapt(many, 0.05, max_steps=2)
     *_, step = adapt(few, 0.15)
     assert np.sqrt(step.record.force / fine.record.force - 1) < 0.15
-    assert step.record.reached and step.record.assumed_effectivity < 0.8
+    assert step.record.reached and step.record.step == 1
 
 
 @pytest.mark.ranks(1)
 def test_tolerance_is_kept_on_few_layers():
-    """One layer of tall cells a body between clamped ends: the estimate sees half of the error, the run knows."""
+    """One layer of tall cells a body between clamped ends, of whose error the estimate has less than 0.8."""
     force = 7.61418e-3 / 4  # a quarter of this program's at 2 %, from 6 x 6 x 12 cells a body
     tolerance = 0.12
     step = solve(clamped(0.3, cells=(9, 9, 1)), tolerance)
     true = np.sqrt(step.record.force / force - 1)  # the energy is the force times the displacement
     assert true < tolerance
-    assert step.record.reached and 0.4 < step.record.assumed_effectivity < 0.8
-    assert step.record.estimate / true < 0.8
-    assert 1 < step.record.estimate / step.record.assumed_effectivity / true < 1.5
+    assert step.record.reached and 0.5 < step.record.estimate / true < 0.8
 
 
 def test_reference_is_in_balance():

@@ -1,17 +1,17 @@
 """The adaptive loop: solve, estimate, mark, refine, repartition."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.beginning import Beginning, first_forest
 from fx_contact.adaptive.checkpoint import Checkpoint, CheckpointWriter
 from fx_contact.adaptive.progress_line import ProgressLine, watch_of
 from fx_contact.adaptive.settings import DEGREE, Settings
+from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import html_table, table_head, table_row
@@ -21,12 +21,10 @@ from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.quantities import Quantity
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.forest.forest import Forest
-from fx_contact.forest.partition import KINDS, repartition
+from fx_contact.forest.partition import KINDS
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.agreement import check_alike
-from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import FxContactError, SceneError, SolveError
 from fx_contact.parallel.meeting import calling, collective
 from fx_contact.parallel.memory import give_back
@@ -52,7 +50,7 @@ def adapt(
     goals: Quantity | Sequence[Quantity] = (),
     partition_kind: str = "contact-sfc",
     allow: str | Sequence[str] = (),
-    beginning: Beginning | None = None,
+    beginning: Beginning | State | None = None,
     checkpoint: str | Path | None = None,
     restart: Checkpoint | str | Path | None = None,
     progress: bool | Callable[[int, str], None] | None = None,
@@ -82,8 +80,8 @@ def adapt(
             it must not raise.
 
     Returns:
-        An iterator of Step, until xi / (e omega) <= 1 (6), or max_steps are done.  By default xi is corrected by the
-        effectivity, measured by two meshes or assumed on a first one, and contact is resolved (`ErrorControl`).
+        An iterator of Step, until xi / (e omega) <= 1 (6), or max_steps are done.  By default xi of a first
+        mesh is divided by an assumed effectivity, and contact is resolved (`ErrorControl`).
 
     Raises:
         SceneError: a tolerance that is not positive, another degree, an order above that of the root mesh, an unknown
@@ -117,10 +115,11 @@ def adapt(
         check_name("partition", partition_kind, KINDS)
         watch = watch_of(progress, settings.tolerance, comm)
         _check_start(settings, comm, beginning, source)
+        state = beginning.state(settings.degree) if isinstance(beginning, Beginning) else beginning
         entries = settings.entries() | {
             "most steps": max_steps,
             "partition": partition_kind,
-            "fields that a beginning carries": None if beginning is None else beginning.values.shape[2],
+            "fields that a beginning carries": None if state is None else dict(state.fields.sizes),
             "checkpoint": None if checkpoint is None else str(checkpoint),
             "restart": None if source is None else [str(source.path), len(source.records)],
         }
@@ -133,7 +132,7 @@ def adapt(
         comm,
         max_steps=max_steps,
         partition_kind=partition_kind,
-        source=source or beginning,
+        source=source or state,
         writer=writer,
         progress=watch,
     )
@@ -147,21 +146,21 @@ def _checkpoint(restart: Checkpoint | str | Path | None, scene: Scene, comm: MPI
 
 
 def _check_start(
-    settings: Settings, comm: MPI.Intracomm, beginning: Beginning | None, restart: Checkpoint | None
+    settings: Settings, comm: MPI.Intracomm, beginning: Beginning | State | None, restart: Checkpoint | None
 ) -> None:
     """Raises SceneError or CheckpointError unless a run can begin there, ValidityError without loads.  Local."""
     check_model_warnings(load_warnings(settings.scene), settings.allow)
     starts: tuple[tuple[str, object, type], ...]
     starts = ("restart", restart, Checkpoint), ("beginning", beginning, Beginning)
     for name, value, kind in starts:
-        if value is not None and not isinstance(value, kind):
+        if not isinstance(value, kind | State | None):
             raise SceneError(f"{name} must be a {kind.__name__}, got {shown(value)}")
     if beginning is not None and restart is not None:
         raise SceneError("a run begins at a Beginning or restarts from a Checkpoint, not both")
     if restart is not None:
         check_same_comm("the checkpoint to restart from", restart.comm, comm)
         restart.check(settings.problem, settings.fixed())
-    if beginning is not None:
+    if isinstance(beginning, Beginning):
         beginning.check(settings.scene, comm)
 
 
@@ -185,7 +184,7 @@ class Run:
         *,
         max_steps: int,
         partition_kind: str,
-        source: Beginning | Checkpoint | None,
+        source: State | Checkpoint | None,
         writer: CheckpointWriter | None,
         progress: Callable[[int, str], None] | None,
     ) -> None:
@@ -193,9 +192,7 @@ class Run:
         self.settings, self._comm, self._kind = settings, comm, partition_kind
         self._max_steps, self._source, self._writer, self._progress = max_steps, source, writer, progress
         self._line = progress if isinstance(progress, ProgressLine) else None
-        self._next: tuple[Forest, FloatArray | None] | None = None  # to solve on, with the values at its nodes
-        self._history, self._finished = settings.begin(), False
-        self._motions: Mapping[str, Any] | None = None  # of the last step
+        self._finished = False
         self._last: dict[str, Any] = {"record": None, "forest": None, "displacement": None}  # for FxContactError
 
     def __iter__(self) -> Self:
@@ -249,7 +246,7 @@ class Run:
         with calling(self._comm, "the next step of adapt"):
             self._finished = True  # unless this ends well
             try:
-                self._solve(self._begin() if self.step is None else self._refine())
+                self._solve(*(self._begin() if self.step is None else self._refine()))
             except FxContactError as error:
                 vars(error).update(self._last)
                 raise
@@ -265,81 +262,66 @@ class Run:
         assert self.step is not None, "no step has been solved"
         return self.step
 
-    def _begin(self) -> Stages:
-        """Take forest, values, records and history from the source: Stages of the first step."""
+    def _begin(self) -> tuple[State, Stages]:
+        """The state to solve first, from the source, on the ranks of the partition; Stages of the first step."""
         source, self._source = self._source, None
         stages = self._stages(len(source.records) if isinstance(source, Checkpoint) else 0)
+        if source is None:
+            with stages("partition"):
+                forest = first_forest(self.settings.scene, self._comm, self._kind)
+                return State.at_rest(forest, self.settings.degree), stages
         if isinstance(source, Checkpoint):
             with stages("refine"):
-                self._resume(source)
-        elif source is not None:
-            self._motions = source.motions
-            self._next = source.forest, source.of_degree(self.settings.degree)
-            if source.history is not None:
-                one_mesh = source.history.compared or self._history.compared
-                self._history = replace(source.history, compared=one_mesh)
-        else:
-            with stages("partition"):
-                self._next = first_forest(self.settings.scene, self._comm, self._kind), None
-        return stages
+                source = self._resumed(source)
+        return self._moved(source, stages), stages
 
-    def _resume(self, checkpoint: Checkpoint) -> None:
-        """Continue a run with its next step, or with its last one again if there is none."""
-        state, settings = checkpoint.load(), self.settings
-        self._motions = state.motions
-        self.records, self._last["record"] = list(checkpoint.records), checkpoint.records[-1]
-        control, progress = settings.control, (state.estimate, settings.tolerance, state.history)
-        more = self._comm.allreduce(bool(state.refine.any()), op=MPI.LOR)
-        if (control.sought(*progress) is None and not more) or len(self.records) >= self._max_steps:
-            self._next = state.forest, state.values
-            self._history = replace(state.history, refined=False)  # its change is in the effectivity already
+    def _resumed(self, checkpoint: Checkpoint) -> State:
+        """The state to continue from: of the next mesh, or of the last one again if there is none."""
+        state = checkpoint.load()
+        self.records = list(checkpoint.records)
+        if state.is_accurate(self.settings) or len(self.records) >= self._max_steps:
             del self.records[-1]
-            self._last["record"] = self.records[-1] if self.records else None
-            return
-        marked, self._history = control.marked(*progress, self._comm)
-        times = np.maximum(marked, state.refine)
-        self._next = state.forest.refined_with(times, state.values)
+        else:
+            state = state.refined(self.settings)
+        self._last["record"] = self.records[-1] if self.records else None
+        return state
 
-    def _refine(self) -> Stages:
-        """Refine the forest of the last step, which is freed: Stages of the next step."""
+    def _refine(self) -> tuple[State, Stages]:
+        """The state on the refined forest of the last step, which is freed; Stages of the next step."""
         step, settings = self._solved(), self.settings
         _check_penalty(step, settings)
         stages = self._stages(step.record.step + 1)
         with stages("refine"):
-            marked, self._history = settings.control.marked(
-                step.estimate, settings.tolerance, step.history, self._comm
-            )
-            times = np.zeros(len(step.forest), dtype=np.int8)
-            times[step.leaf_mesh.leaf] = marked
-            values = np.concatenate([step.nodal_displacement, step.carried], axis=2)
-            self._next = step.forest.refined_with(np.maximum(times, step.contact_error.refine), values)
+            state = State.of(step).refined(settings)
         self.step = None
-        return stages
+        del step
+        return self._moved(state, stages), stages
 
-    def _solve(self, stages: Stages) -> None:
-        """Repartition the forest, solve on it, and keep the step."""
-        assert self._next is not None, "made by _begin or _refine"
-        (forest, values), self._next = self._next, None
+    def _moved(self, state: State, stages: Stages) -> State:
+        """A state on the ranks of the partition."""
         with stages("partition"):
             give_back()
-            if values is not None:
-                forest, values = repartition(forest, values, self._kind)
-            partition = PartitionSummary.of(forest, self._kind)
+            return replace(state, fields=state.fields.repartitioned(self._kind))
+
+    def _solve(self, state: State, stages: Stages) -> None:
+        """Solve on the forest of a state, and keep the step."""
+        settings = self.settings
+        with stages("partition"):
+            partition = PartitionSummary.of(state.forest, self._kind)
         with stages("hanging"):
-            space = Space(forest, self.settings.degree)
-            start = self._start(Prolongation(space), values)
-            del values
-        self._last.update(forest=forest, displacement=start.displacement)
+            start = _start(state, settings)
+            del state
+        self._last.update(forest=start.forest, displacement=start.displacement)
         if self._line is not None:
             self._line.unknowns = 3 * start.prolongation.index_map.size_global
-        step = solve_step(self.settings, len(self.records), start, partition, stages)
+        step = solve_step(settings, len(self.records), start, partition, stages)
         records = (*self.records, step.record)
-        growing = growing_pressures(self.settings.goals, [record.goals for record in records])
+        growing = growing_pressures(settings.goals, [record.goals for record in records])
         pressures = [record.max_pressure for record in records]
-        growing += growing_pressure(self.settings.scene, self.settings.goals, pressures)
+        growing += growing_pressure(settings.scene, settings.goals, pressures)
         if growing:
             step = replace(step, record=replace(step.record, doubts=[*step.record.doubts, *growing]))
-        self.step, self._motions = step, step.record.motions
+        self.step = step
         self._last.update(record=step.record, displacement=step.solution.displacement)
         self.records.append(step.record)
         if self._writer is not None:
@@ -350,24 +332,25 @@ class Run:
         if self._line is not None:
             self._line.finish(self.records[-1])
 
-    def _start(self, prolongation: Prolongation, values: FloatArray | None) -> StepStart:
-        """Displacement and carried fields from the values at the nodes of the leaves."""
-        if values is None:
-            values = np.zeros((*prolongation.space.cells.shape, 3))
-        leaf, node = prolongation.space.example.T
-        displacement = prolongation.injected(values[leaf, node, :3])
-        return StepStart(prolongation, displacement, values[..., 3:].copy(), self._history, self._motions)
-
     def _stages(self, number: int) -> Stages:
         """Stages of a step, reported to the user's progress."""
         progress = self._progress
         return Stages(None if progress is None else lambda name: progress(number, name))
 
 
+def _start(state: State, settings: Settings) -> StepStart:
+    """Start of a solve on the forest of a state.  Collective."""
+    space = Space(state.forest, settings.degree)
+    prolongation = Prolongation(space)
+    displacement = prolongation.injected(state.fields.at_nodes(space, "displacement"))
+    theta = settings.control.effectivity(not state.adapted)
+    return StepStart(prolongation, displacement, state.fields.without("displacement"), theta, state.motions)
+
+
 def _check_penalty(step: Step, settings: Settings) -> None:
     """Raises SolveError if only the error of a penalty is left, which no mesh reduces.  Local."""
-    tolerance = settings.tolerance
-    if not step.contact_error.leaves and settings.control.sought(step.estimate, tolerance, step.history) is None:
+    tolerance, theta = settings.tolerance, step.record.assumed_effectivity
+    if not step.contact_error.leaves and settings.control.sought(step.estimate, tolerance, theta) is None:
         share = percent(step.record.penalty_share or 0.0)
         raise SolveError(
             f"the penalty is too soft for the tolerance: penetration takes {share} of "

@@ -7,12 +7,12 @@ from typing import Any, Self
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step, check_step
-from fx_contact.estimate.effectivity import RefinementHistory
+from fx_contact.fem.nodal_fields import NodalFields
 from fx_contact.fem.space import DEGREES
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
-from fx_contact.geometry import hexahedron
 from fx_contact.geometry.lattice import MAX_LEVEL
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
@@ -34,13 +34,13 @@ class Beginning:
         values: (n, (p+1)^3, 3 + k) at the nodes of its leaves, finite, p = 1 or 2: a first guess of the displacement
             [m], then any continuous fields of degree p, which are carried through refinement and partition.  In a run
             of another degree they are interpolated.
-        history: None: the estimate has not been measured, as on root cells.
+        adapted: the forest is adapted to such a solution; else its estimate counts as that of a first mesh.
         motions: first guess of `StepRecord.motions`; None: obstacles below forces begin where they touch.
     """
 
     forest: Forest
     values: FloatArray
-    history: RefinementHistory | None = None
+    adapted: bool = False
     motions: Mapping[str, Any] | None = None
 
     def check(self, scene: Scene, comm: MPI.Intracomm) -> None:
@@ -48,8 +48,8 @@ class Beginning:
         forest, values = self.forest, self.values
         if not isinstance(forest, Forest):
             raise SceneError(f"the forest of a Beginning must be a Forest, got {shown(forest)}")
-        if not isinstance(self.history, RefinementHistory | None):
-            raise SceneError(f"the history of a Beginning must be a RefinementHistory, got {shown(self.history)}")
+        if not isinstance(self.adapted, bool):
+            raise SceneError(f"`adapted` of a Beginning must be True or False, got {shown(self.adapted)}")
         check_same_comm("the forest of the Beginning", forest.comm, comm)
         if not same_mesh(forest.mesh, scene.mesh):
             raise SceneError("the forest of the Beginning is of another root mesh than the scene: begin with its own")
@@ -69,13 +69,11 @@ class Beginning:
         if self.motions is not None:
             check_motions(self.motions, scene)
 
-    def of_degree(self, degree: int) -> FloatArray:
-        """The values as nodal values (n, (degree+1)^3, 3 + k) of a degree.  Local."""
-        own = hexahedron.order_of(self.values.shape[1])
-        if own == degree:
-            return self.values
-        functions = hexahedron.lagrange(own, np.linspace(0, 1, degree + 1))
-        return hexahedron.tensor_evaluate((functions,) * 3, self.values)
+    def state(self, degree: int) -> State:
+        """The state from which a run with displacements of a degree begins.  Local."""
+        sizes = {"displacement": 3, "carried": self.values.shape[2] - 3}
+        fields = NodalFields(self.forest, self.values, sizes)
+        return State(fields.of_degree(degree), self.motions, self.adapted)
 
     @classmethod
     def at_rest(cls, forest: Forest) -> Self:
@@ -135,10 +133,9 @@ class Beginning:
                     f"marked must say how often to refine each leaf, 0 to {MAX_LEVEL} times, got "
                     f"{marked.min()} to {marked.max()}"
                 )
-        history = RefinementHistory(step.history.effectivity, compared=True)
         refined, values = forest.refined_with(marked.astype(np.int8), np.tile(step.nodal_displacement, 2))
         assert values is not None, "given values are interpolated"
-        return cls(refined, values, history, step.record.motions)
+        return cls(refined, values, True, step.record.motions)
 
 
 def check_motions(motions: object, scene: Scene) -> None:

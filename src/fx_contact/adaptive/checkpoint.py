@@ -5,26 +5,24 @@ with its displacement 32.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 from uuid import uuid4
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from fx_contact.adaptive.checkpoint_file import CheckpointFile, write_checkpoint
+from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
-from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.estimator import Estimate
+from fx_contact.fem.nodal_fields import NodalFields
 from fx_contact.fem.space import Space, child_error
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import with_cuts
 from fx_contact.geometry.lattice import Lattice
 from fx_contact.parallel.agreement import check_alike, differences
-from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array
 from fx_contact.parallel.errors import CheckpointError, OutputError, writing
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import Directory, together
@@ -32,8 +30,6 @@ from fx_contact.parallel.validation import as_folder, check_comm
 from fx_contact.scene.fingerprint import scene_parts
 from fx_contact.scene.scene import Scene, check_scene
 from fx_contact.surfaces.facet_pairing import decode_leaf, leaf_code
-
-_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 NAME = "checkpoint"
 #: Bits of the level in the name of a leaf, after its `leaf_code`.
@@ -84,9 +80,10 @@ class CheckpointWriter:
             records: of all steps up to this one.
             further: entries for JSON, beside or instead of those of the content.
         """
-        forest, error, prolongation = step.forest, step.estimate, step.elasticity.prolongation
+        state, prolongation = State.of(step), step.elasticity.prolongation
+        forest, error, fields = state.forest, state.estimate, state.fields
+        assert error is not None, "of a solved state"
         leaf, node = prolongation.space.example.T
-        values = np.concatenate([prolongation.prolong(step.solution.displacement), step.carried[leaf, node]], axis=1)
         # Conforming nodes by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
         rows = prolongation.conforming < prolongation.owned
         level = forest.level.astype(np.uint64)
@@ -95,17 +92,17 @@ class CheckpointWriter:
             "problem": self._problem,
             "options": self._options,
             "degree": prolongation.space.degree,
+            "fields": dict(fields.sizes),
             "records": [record.as_json() for record in records],
             "estimate": [error.error_global, error.energy_norm, error.cells],
-            "history": asdict(step.history),
         }
         arrays = {
             "leaves": leaf_code(forest.cell, forest.anchor).astype(np.uint64) << np.uint64(_LEVEL_BITS) | level,
-            "indicator": _by_leaf(step, step.estimate.error),
-            "edge": _by_leaf(step, _at_edge(step)),
+            "indicator": error.error,
+            "edge": np.zeros(len(forest), dtype=bool) if error.at_edge is None else error.at_edge,
             "refine": step.contact_error.refine.astype(np.int8),
             "nodes": prolongation.space.keys[rows],
-            "values": values[rows],
+            "values": fields.array[leaf[rows], node[rows]],
         }
         write_checkpoint(self._path, forest.comm, content | dict(further or {}), arrays, self._allow)
         self._replaceable = {self._run}
@@ -117,46 +114,6 @@ class CheckpointWriter:
                 f"{str(self._path)!r} is the checkpoint of another run and would be replaced: continue from it with "
                 "restart, remove it, or name another folder"
             )
-
-
-def _by_leaf(step: Step, values: npt.NDArray[_Scalar]) -> npt.NDArray[_Scalar]:
-    """Values (n,) of the cells of a step in the order of the leaves."""
-    result = np.empty_like(values)
-    result[step.leaf_mesh.leaf] = values
-    return result
-
-
-def _at_edge(step: Step) -> BoolArray:
-    """Cells (n,) at the edge of contact, none if that is not known."""
-    found = step.estimate.at_edge
-    return np.zeros(len(step.forest), dtype=bool) if found is None else found
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """The state after a step, before it is marked.
-
-    Attributes:
-        values: (n, (p+1)^3, 3 + k) at the nodes of the leaves: displacement [m], then carried fields.
-        estimate: its errors in the order of the leaves.
-        refine: (n,), number of refinements of each leaf for contact, beside those for the estimate.
-        motions: `StepRecord.motions`.
-    """
-
-    forest: Forest
-    values: FloatArray
-    estimate: Estimate
-    refine: Int8Array
-    history: RefinementHistory
-    motions: Mapping[str, Any] | None
-
-    @classmethod
-    def of(cls, step: Step) -> "State":
-        """The state after a step, without carried fields.  Collective on step.forest.comm."""
-        error, at_edge = _by_leaf(step, step.estimate.error), _by_leaf(step, _at_edge(step))
-        estimate = replace(step.estimate, error=error, energy=None, at_edge=at_edge)
-        refine, found = step.contact_error.refine, step.record.motions
-        return cls(step.forest, step.nodal_displacement, estimate, refine, step.history, found)
 
 
 class Checkpoint:
@@ -222,5 +179,5 @@ class Checkpoint:
         values, _ = directory.lookup(space.keys, values[rows], np.ones(len(keys), dtype=bool))
         xi, omega, cells = content["estimate"]
         estimate = Estimate(error, None, xi, omega, cells, child_error(space.degree), at_edge)
-        history = RefinementHistory(**content["history"])
-        return State(forest, values[space.cells], estimate, refine, history, self.records[-1].motions)
+        last, fields = self.records[-1], NodalFields(forest, values[space.cells], content["fields"])
+        return State(fields, last.motions, last.assumed_effectivity == 1.0, estimate, refine)

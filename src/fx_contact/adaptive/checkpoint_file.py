@@ -24,7 +24,7 @@ from fx_contact.parallel.errors import CheckpointError, writing
 from fx_contact.parallel.mpi import together
 
 #: Version of the content; checkpoints up to version 8 were no archives.
-VERSION = 10
+VERSION = 11
 #: First bytes of a ZIP file, and of checkpoints before version 9.
 _ZIP, _EARLIER = b"PK\3\4", b"fx-rows\n"
 _CONTENT = "content.json"

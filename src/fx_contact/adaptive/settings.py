@@ -7,7 +7,6 @@ from numbers import Integral
 from typing import Any
 
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.quantities import Quantity, check_goals
 from fx_contact.fem.space import DEGREES
@@ -88,11 +87,6 @@ class Settings:
     def multigrid(self) -> bool:
         """True if the preconditioner needs the level of degree 1.  Local."""
         return self.degree > 1 and self.solver.preconditioner in (None, "p-multigrid")
-
-    def begin(self) -> RefinementHistory:
-        """The RefinementHistory of a run that begins.  Local."""
-        poisson = max(material.isotropic.poisson for material in self.scene.materials.values())
-        return self.control.begin(self.degree, poisson, any(map(callable, self.scene.data)))
 
     @cached_property
     def problem(self) -> dict[str, Any]:

@@ -19,11 +19,11 @@ from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import report_text
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.contact_goals import ContactError
-from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.estimate.stress_projection import projected_stress
 from fx_contact.fem.leaf_mesh import LeafMesh
+from fx_contact.fem.nodal_fields import NodalFields
 from fx_contact.items.materials import TENSOR
 from fx_contact.parallel.arrays import FloatArray, Int32Array
 from fx_contact.parallel.errors import SceneError
@@ -42,17 +42,15 @@ class Step(SolvedState):
 
     Attributes:
         start: (owned, 3), first guess of the solve, carried from the step before [m].
-        history: with the effectivity measured by this step.
         stages: of this step, from the refinement that led to it.
-        carried: (n, (p+1)^3, k) at the nodes of the leaves, further fields carried through refinement.
+        fields: further fields at the nodes of the leaves, carried through refinement.
     """
 
     record: StepRecord
     start: FloatArray
-    history: RefinementHistory
     contact_error: ContactError
     stages: Stages
-    carried: FloatArray
+    fields: NodalFields
 
     def __repr__(self) -> str:
         return report_text(self.record)
@@ -66,6 +64,11 @@ class Step(SolvedState):
         # Communicators of dolfinx that are freed while an error is under way hang in mpi4py (see `parallel.mpi`);
         # inside `__del__` the error is set aside.
         self.__dict__.clear()
+
+    @property
+    def carried(self) -> FloatArray:
+        """The further fields of a Beginning on this mesh: (n, (p+1)^3, k).  Local."""
+        return self.fields["carried"] if "carried" in self.fields else self.fields.array[..., :0]
 
     @property
     def along(self) -> FloatArray:

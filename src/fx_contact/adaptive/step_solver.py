@@ -17,7 +17,6 @@ from fx_contact.contact.row_kinds import columns_at_rest, create_rows
 from fx_contact.estimate.contact_edge import cells_at_edge
 from fx_contact.estimate.contact_goals import ContactError, contact_error, force_goals
 from fx_contact.estimate.dual_weighted import Goals
-from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.equilibrium import WHERE_ROUNDING_IS_LARGE, check_balance, nodal_residual
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.goal_errors import GoalRecord, judge_goals
@@ -28,6 +27,7 @@ from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import body_force, load_and_totals
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
+from fx_contact.fem.nodal_fields import NodalFields
 from fx_contact.fem.nodal_strain import stress_free_strain
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.springs import Springs
@@ -52,6 +52,8 @@ from fx_contact.verdict.validity import ModelWarning, check_model_warnings, mode
 RIGID = 1e3
 #: Largest part of the prescribed error for linear solver and rounding: errors add in squares, and a tenth adds 0.5 %.
 SOLVER_SHARE = 0.1
+#: Name of the field with the displacement of the point before, in a load path of increments.
+HISTORY = "history"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,21 +62,28 @@ class StepStart:
 
     Attributes:
         displacement: (owned, 3), first guess [m].
-        carried: (n, (p+1)^3, k), further fields at the nodes of the leaves.
-        history: of the run so far.
-        motions: `StepRecord.motions` of the step before, if they are known.
+        fields: further fields at the nodes of the leaves.
+        effectivity: assumed of the estimate, as `ErrorControl.effectivity`.
+        motions: `StepRecord.motions` of the step before, if it is known.
     """
 
     prolongation: Prolongation
     displacement: FloatArray
-    carried: FloatArray
-    history: RefinementHistory
+    fields: NodalFields
+    effectivity: float
     motions: Mapping[str, Any] | None = None
 
     @property
     def forest(self) -> Forest:
         """Forest of the space."""
         return self.prolongation.space.forest
+
+    @property
+    def history_displacement(self) -> FloatArray:
+        """Displacement (owned, 3) of the point before in a load path of increments; 0 at the first [m].  Local."""
+        if HISTORY not in self.fields:
+            return np.zeros_like(self.displacement)
+        return self.prolongation.injected(self.fields.at_nodes(self.prolongation.space, HISTORY))
 
 
 class _Discrete(NamedTuple):
@@ -90,7 +99,6 @@ class _Assessment(NamedTuple):
     """A solution with its errors, its contact, and violated assumptions."""
 
     state: SolvedState
-    history: RefinementHistory
     contact_error: ContactError
     goals: tuple[GoalRecord, ...]
     figures: ContactFigures
@@ -122,12 +130,11 @@ def solve_step(
             assessed = _assess(settings, start, discrete, solution, system, stages)
     return Step(
         **vars(assessed.state),
-        record=_record(settings, number, partition, assessed, stages),
+        record=_record(settings, number, start, partition, assessed, stages),
         start=start.displacement,
-        history=assessed.history,
         contact_error=assessed.contact_error,
         stages=stages,
-        carried=start.carried,
+        fields=start.fields,
     )
 
 
@@ -160,6 +167,7 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         coarse=coarse,
         volume=volume,
         rows_at=rows_at,
+        before=start.history_displacement if HISTORY in start.fields else None,
         distances=distances,
     )
     return _Discrete(elasticity, problem, forces, totals)
@@ -219,22 +227,18 @@ def _assess(
         SolveError: the linear solver or equilibrium are off by more than the tolerance allows.
         ValidityError: the solution is far outside of linear elasticity.
     """
-    tolerance, control, comm = settings.tolerance, settings.control, start.forest.comm
+    tolerance, comm = settings.tolerance, start.forest.comm
     state, duals = _estimate(settings, start, discrete, solution, system, stages)
     _check_solver(state, tolerance)
     residual = _checked_residual(state, discrete)
     warnings = [*model_warnings(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
     check_model_warnings(warnings, settings.allow)
-    history = start.history
-    if control.of_contact:
-        change = state.elasticity.change_norm(solution.displacement - start.displacement)
-        history = history.observed(state.estimate, change, control.least_effectivity)
     figures = figures_of_contact(state.scene, state.rows, solution, comm)
     resultants = sum_up(state, residual, discrete.load_totals, np.array(figures.contact_centre))
-    met = control.sought(state.estimate, tolerance, history) is None
-    of_contact, goals = _errors_of_goals(settings, state, residual, figures, history, duals, met)
+    met = settings.control.sought(state.estimate, tolerance, start.effectivity) is None
+    of_contact, goals = _errors_of_goals(settings, state, residual, figures, start.effectivity, duals, met)
     reached = met and not of_contact.leaves and (of_contact.penalty_share or 0.0) <= tolerance**2
-    return _Assessment(state, history, of_contact, goals, figures, resultants, warnings, bool(reached))
+    return _Assessment(state, of_contact, goals, figures, resultants, warnings, bool(reached))
 
 
 def _estimate(
@@ -286,7 +290,7 @@ def _errors_of_goals(
     state: SolvedState,
     residual: FloatArray,
     figures: ContactFigures,
-    history: RefinementHistory,
+    theta: float,
     duals: Goals,
     met: bool,
 ) -> tuple[ContactError, tuple[GoalRecord, ...]]:
@@ -296,7 +300,7 @@ def _errors_of_goals(
     forces = {}
     if holds_contact:
         forces = force_goals([pair.name for pair in contacts], figures.pair_forces, settings.tolerance)
-    goals, theta = (*forces.values(), *settings.goals), control.correction(history)
+    goals = *forces.values(), *settings.goals
     judged = judge_goals(goals, duals if met else None, state, residual, theta, control)
     of_user = judged[len(forces) :]
     between = duals.between if holds_contact else None
@@ -305,7 +309,12 @@ def _errors_of_goals(
 
 
 def _record(
-    settings: Settings, number: int, partition: PartitionSummary, assessed: _Assessment, stages: Stages
+    settings: Settings,
+    number: int,
+    start: StepStart,
+    partition: PartitionSummary,
+    assessed: _Assessment,
+    stages: Stages,
 ) -> StepRecord:
     """Record of a step.  Collective."""
     state, of_contact = assessed.state, assessed.contact_error
@@ -319,7 +328,7 @@ def _record(
         control=settings.control.mode,
         contact_iterations=state.solution.contact_iterations,
         preconditioner=state.solution.preconditioner,
-        assumed_effectivity=settings.control.effectivity(assessed.history),
+        assumed_effectivity=start.effectivity,
         pair_errors=of_contact.pair_errors,
         pair_leaves=of_contact.pair_leaves,
         penetrated_leaves=of_contact.penetrated_leaves,

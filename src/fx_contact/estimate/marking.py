@@ -29,10 +29,8 @@ def by_criterion(estimate: Estimate, tolerance: float) -> BoolArray:
     return estimate.error > _criterion(estimate, tolerance)
 
 
-def for_tolerance(
-    estimate: Estimate, tolerance: float, loss_rate: float | None, control: ErrorControl, comm: MPI.Intracomm
-) -> tuple[Int8Array, float]:
-    """Cells to refine for xi <= e omega, by the highest threshold that is expected to suffice.
+def for_tolerance(estimate: Estimate, tolerance: float, control: ErrorControl, comm: MPI.Intracomm) -> Int8Array:
+    """Number of refinements (ncells,), 0 to 2, for xi <= e omega, by the highest threshold expected to suffice.
 
     Collective on comm.  The aim is an error of `control.target` e omega; at degree 2 at least xi / 4, that after
     uniform refinement of a smooth solution.  Cells at the edge of contact are refined twice earlier
@@ -40,15 +38,11 @@ def for_tolerance(
 
     Args:
         tolerance: e [-].
-        loss_rate: loss of xi^2 by refinement, over that of a smooth solution; None: unknown [-].
-
-    Returns:
-        (ncells,), number of refinements of each cell, 0 to 2, and the loss of xi^2 if the solution is smooth [J].
     """
     criterion = _criterion(estimate, tolerance)
     largest = comm.allreduce(float(estimate.error.max(initial=0)), op=MPI.MAX)
     if largest <= criterion:
-        return np.zeros(len(estimate.error), dtype=np.int8), 0.0
+        return np.zeros(len(estimate.error), dtype=np.int8)
     loss, child = 1 - 8 * estimate.child_error, estimate.child_error  # of xi_T^2, by eight children
     thresholds = np.geomspace(largest, criterion, _THRESHOLDS)
     later = _equidistributing(child) * criterion
@@ -60,13 +54,12 @@ def for_tolerance(
 
     def choose(once: FloatArray, twice: FloatArray) -> int:
         """The highest threshold that suffices, as in `_mark`."""
-        suffices = _lost(once, twice, loss * (loss_rate or 1.0))[:-1] >= need
+        suffices = _lost(once, twice, loss)[:-1] >= need
         return int(np.argmax(suffices)) if suffices.any() else of_later
 
     at_edge = False if estimate.at_edge is None else estimate.at_edge
     children = np.where(at_edge, _CHILD_AT_EDGE, child)
-    times, once, twice = _mark(estimate.error**2, children, thresholds**2, choose, comm)
-    return times, float(_lost(once, twice, loss))
+    return _mark(estimate.error**2, children, thresholds**2, choose, comm)
 
 
 def for_goal(
@@ -89,7 +82,7 @@ def for_goal(
         aim = control.target * allowed
         return int(np.argmax((left <= aim) | (kept <= aim)))
 
-    return _mark(error, child_error, thresholds, choose, comm)[0]
+    return _mark(error, child_error, thresholds, choose, comm)
 
 
 def _criterion(estimate: Estimate, tolerance: float) -> float:
@@ -117,8 +110,8 @@ def _mark(
     thresholds: FloatArray,
     choose: Callable[[FloatArray, FloatArray], int],
     comm: MPI.Intracomm,
-) -> tuple[Int8Array, FloatArray, FloatArray]:
-    """Number of refinements (ncells,) of cells above a threshold, 2 if a child's error would be; and their sums.
+) -> Int8Array:
+    """Number of refinements (ncells,) of cells above a threshold, 2 if a child's error would be.
 
     `child_error`, one or (ncells,), is that of a child over that of its parent.
     `choose` gives the position of a threshold, of descending ones (m,) and one below all errors, by two (m + 1,): the
@@ -129,5 +122,4 @@ def _mark(
     comm.Allreduce(MPI.IN_PLACE, sums)
     once, twice = np.cumsum(sums, axis=1)
     chosen = choose(once, twice)
-    times = (first[0] <= chosen).astype(np.int8) + (first[1] <= chosen).astype(np.int8)
-    return times, once[chosen], twice[chosen]
+    return (first[0] <= chosen).astype(np.int8) + (first[1] <= chosen).astype(np.int8)

@@ -78,7 +78,7 @@ class ContactForce(OfPair):
     """The force of a contact pair, as in `StepRecord.pair_forces`.
 
     That on an obstacle that settles under a force is known: its error is that at a fixed place of the obstacle, the
-    error of the distance in `StepRecord.approaches` times the stiffness.
+    error of the distance in `StepRecord.motions` times the stiffness.
 
     Attributes:
         pair: `ContactPair.name`, "first on second".

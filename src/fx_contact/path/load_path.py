@@ -1,4 +1,7 @@
-"""Load paths: scenes that depend on a number, each solved from the solution of the one before."""
+"""Load paths: scenes that depend on a number, each solved from the solution of the one before.
+
+A sweep may take its points in any order, on coarsened forests; increments go on from the state before, with a history.
+"""
 
 import time
 from collections.abc import Callable, Iterable
@@ -11,18 +14,13 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.adaptive_loop import Run, adapt
-from fx_contact.adaptive.beginning import Beginning
-from fx_contact.adaptive.checkpoint import NAME, Checkpoint, CheckpointWriter, State
+from fx_contact.adaptive.checkpoint import NAME, Checkpoint, CheckpointWriter
 from fx_contact.adaptive.checkpoint_file import CheckpointFile
+from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import html_table, table_head, table_row
-from fx_contact.estimate.effectivity import RefinementHistory
-from fx_contact.estimate.error_control import ErrorControl
-from fx_contact.fem.space import Space
-from fx_contact.forest.coarsening import coarsened
-from fx_contact.forest.forest import Forest
-from fx_contact.geometry import hexahedron
+from fx_contact.adaptive.step_solver import HISTORY
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.arrays import FloatArray, Int8Array
 from fx_contact.parallel.errors import CheckpointError, PartitionError, SceneError
@@ -42,7 +40,7 @@ from fx_contact.scene.fingerprint import same_mesh
 from fx_contact.scene.scene import Scene, check_scene
 
 #: Starts of a point (`SweepRecord.begun`).
-ANEW, COARSE = "anew", "coarse"
+ANEW, COARSE, BEFORE = "anew", "coarse", "before"
 
 
 @collective("comm")
@@ -55,7 +53,7 @@ def sweep(
     folder: str | Path | None = None,
     restart: bool = False,
     **options: Any,
-) -> "Sweep":
+) -> "LoadPath":
     """Solve scenes that depend on a number (approach, force, modulus), each to a prescribed accuracy.
 
     Collective on comm; so is every point of the iteration.  A point begins with the displacement of the one before on
@@ -77,6 +75,42 @@ def sweep(
         OutputError: the folder cannot be written, or has the checkpoint of another run.
         FxContactError: as `adapt`, while a point is solved.
     """
+    return _load_path("sweep", scene_of, values, tolerance, comm, folder, restart, options)
+
+
+@collective("comm")
+def increments(
+    scene_of: Callable[[float], Scene],
+    values: Iterable[float],
+    tolerance: float,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    *,
+    folder: str | Path | None = None,
+    restart: bool = False,
+    **options: Any,
+) -> "LoadPath":
+    """Solve scenes in order, each from the state before: as `sweep`, for laws with a history.
+
+    Collective on comm; so is every point of the iteration.  A point begins on the forest of the one before, which is
+    refined and never coarsened: interpolation on coarser leaves would change the history.  Each of its meshes has the
+    displacement of the point before as the field `step_solver.HISTORY`; fields that a `beginning` carries go along.
+
+    Args and Raises: as `sweep`; also SceneError if the root mesh or the contact pairs of the scene change.
+    """
+    return _load_path("increments", scene_of, values, tolerance, comm, folder, restart, options)
+
+
+def _load_path(
+    kind: str,
+    scene_of: Callable[[float], Scene],
+    values: Iterable[float],
+    tolerance: float,
+    comm: MPI.Intracomm,
+    folder: str | Path | None,
+    restart: bool,
+    options: dict[str, Any],
+) -> "LoadPath":
+    """A load path of a kind, "sweep" or "increments", by checked arguments.  Collective on comm."""
     check_comm(comm)
     with together(comm):
         if not callable(scene_of):
@@ -86,13 +120,13 @@ def sweep(
         check_tolerance("the tolerance", tolerance)
         for name in ("checkpoint", "restart"):
             if name in options:
-                raise SceneError(f"a sweep takes no {name!r} of adapt: it keeps its last point in its own folder")
+                raise SceneError(f"a load path takes no {name!r} of adapt: it keeps its last point in its own folder")
         if folder is not None:
-            folder = as_path("the folder of a sweep", folder)
+            folder = as_path("the folder of a load path", folder)
         elif restart:
-            raise SceneError("a sweep restarts from the folder of one before: name it")
-    check_alike(comm, {"values": points, "folder of a sweep": folder and str(folder), "restart": bool(restart)})
-    return Sweep(scene_of, points, tolerance, comm, folder, restart, options)
+            raise SceneError("a load path restarts from the folder of one before: name it")
+    check_alike(comm, {"values": points, "folder of a load path": folder and str(folder), "restart": bool(restart)})
+    return LoadPath(kind, scene_of, points, tolerance, comm, folder, restart, options)
 
 
 def _checked(values: Iterable[float]) -> list[float]:
@@ -100,10 +134,10 @@ def _checked(values: Iterable[float]) -> list[float]:
     try:
         numbers = list(values)
     except TypeError:
-        raise SceneError(f"the values of a sweep must be a list of numbers, got {shown(values)}") from None
+        raise SceneError(f"the values of a load path must be a list of numbers, got {shown(values)}") from None
     if not numbers:
-        raise SceneError("the values of a sweep must be one number at least, got none")
-    return [check_number("a value of a sweep", number) for number in numbers]
+        raise SceneError("the values of a load path must be one number at least, got none")
+    return [check_number("a value of a load path", number) for number in numbers]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +156,8 @@ class SweepPoint:
         return str(self.record)
 
 
-class Sweep:
-    """A load path: an iterator of its points, made by `sweep`.  Collective on comm.
+class LoadPath:
+    """A load path: an iterator of its points, made by `sweep` or `increments`.  Collective on comm.
 
     Attributes:
         records: of all points so far, with those before a restart.
@@ -131,6 +165,7 @@ class Sweep:
 
     def __init__(
         self,
+        kind: str,
         scene_of: Callable[[float], Scene],
         values: list[float],
         tolerance: float,
@@ -141,7 +176,7 @@ class Sweep:
     ) -> None:
         self.records: list[SweepRecord] = []
         self._scene_of, self._values, self._tolerance, self._comm = scene_of, values, tolerance, comm
-        self._folder, self._options = folder, options
+        self._kind, self._folder, self._options = kind, folder, options
         self._handed_out = False  # all points, in a loop
         self._writer: CheckpointWriter | None = None
         self._before: Checkpoint | None = None  # to restart from
@@ -154,8 +189,8 @@ class Sweep:
     def __iter__(self) -> Self:
         if self._handed_out:
             raise SceneError(
-                "the points of this Sweep have been solved and handed out: `records` has the figures of all; "
-                "list(sweep(...)) keeps the points, with their memory"
+                "the points of this LoadPath have been solved and handed out: `records` has the figures of all; "
+                "list(...) keeps the points, with their memory"
             )
         return self
 
@@ -176,7 +211,7 @@ class Sweep:
 
     def __getitem__(self, index: object) -> SweepPoint:
         raise SceneError(
-            f"a Sweep has no point {shown(index)}: it yields one after the other, and `records` has the figures of "
+            f"a LoadPath has no point {shown(index)}: it yields one after the other, and `records` has the figures of "
             "all; list(...) keeps the points, with their memory"
         )
 
@@ -184,7 +219,7 @@ class Sweep:
         if len(self.records) >= len(self._values):
             self._handed_out = self._last is not None
             raise StopIteration
-        with calling(self._comm, "the next point of sweep"):
+        with calling(self._comm, f"the next point of {self._kind}"):
             return self._point()
 
     def _point(self) -> SweepPoint:
@@ -209,21 +244,28 @@ class Sweep:
         self._last = State.of(step)
         if self._folder is not None and self._writer is not None:
             points = [record.as_json() for record in self.records]
-            self._writer.save(step, [step.record], {"problem": run.settings.problem, "points": points})
+            path = {"problem": run.settings.problem, "points": points, "kind of load path": self._kind}
+            self._writer.save(step, [step.record], path)
             write_sweep(self._folder, self._comm, self.records)
         return SweepPoint(value, step, record)
 
     def _run(self, scene: Scene) -> tuple[Run, str]:
         """The Run of a scene after its first step, and its start.  Collective."""
         options, last = self._options, self._last
-        if last is not None and _same_root(last, scene):
-            control, kind = options.get("control") or ErrorControl(), options.get("partition_kind", "contact-sfc")
-            try:
-                begin = carried_over(last, self._tolerance, control, kind)
-                return self._begun(scene, options | {"beginning": begin}), COARSE
-            except PartitionError:  # the coarse forest has too few leaves for the ranks
-                pass
-        return self._begun(scene, options), ANEW
+        if last is None or not _same_root(last, scene):
+            if last is not None and self._kind == "increments":
+                raise SceneError(
+                    "the root mesh or the contact pairs of the scene change between two increments, which go on from "
+                    "the state before: a sweep may begin anew"
+                )
+            return self._begun(scene, options), ANEW
+        if self._kind == "increments":
+            return self._begun(scene, options | {"beginning": next_increment(last)}), BEFORE
+        try:
+            begin = carried_over(last, self._tolerance, options.get("partition_kind", "contact-sfc"))
+            return self._begun(scene, options | {"beginning": begin}), COARSE
+        except PartitionError:  # the coarse forest has too few leaves for the ranks
+            return self._begun(scene, options), ANEW
 
     def _begun(self, scene: Scene, options: dict[str, Any]) -> Run:
         """A Run of a scene after its first step.  Collective."""
@@ -246,15 +288,17 @@ class Sweep:
     def _resume(self, folder: Path) -> None:
         """Continue after the last point in the folder.  Collective."""
         path, comm = folder / NAME, self._comm
-        points = CheckpointFile(path, comm).content.get("points")
+        content = CheckpointFile(path, comm).content
+        points = content.get("points")
         with together(comm):
-            if points is None:
-                raise CheckpointError(f"{str(path)!r} is of a single run, not of a sweep: name another folder")
+            kind = "a single run" if points is None else content["kind of load path"]
+            if kind != self._kind:
+                raise CheckpointError(f"{str(path)!r} is of {kind}, not of {self._kind}: name another folder")
             self.records = [SweepRecord.from_json(entries) for entries in points]
             solved = [record.value for record in self.records]
             if solved != self._values[: len(solved)]:
                 raise CheckpointError(
-                    f"{str(path)!r} belongs to a sweep over {shown(solved)}, and the values now begin with "
+                    f"{str(path)!r} belongs to a load path over {shown(solved)}, and the values now begin with "
                     f"{shown(self._values[: len(solved)])}: give the same, and more if you like"
                 )
         scene = self._scene_of(solved[-1])
@@ -268,33 +312,37 @@ class Sweep:
 
 def _same_root(state: State, scene: Scene) -> bool:
     """True if a state is on the root mesh of a scene, with its contact pairs, and forces on the same obstacles."""
-    forest, pressed = state.forest, {pair.name: pair.motion is not None for pair in scene.contact}
-    if {name for name in state.motions or () if name in pressed} != {
-        name for name, moved in pressed.items() if moved
-    }:
+    forest, known = state.forest, state.motions or {}
+    if any((pair.motion is not None) != (pair.name in known) for pair in scene.contact):
         return False
     return same_mesh(forest.mesh, scene.mesh) and forest.stands_on(scene.pairing, scene.contact_surfaces)
 
 
-def carried_over(state: State, tolerance: float, control: ErrorControl, kind: str) -> Beginning:
-    """The coarsened forest of a state, and its displacement there, a first guess.
+def next_increment(state: State) -> State:
+    """The state from which the next increment begins: its displacement is history and a first guess.  Local."""
+    fields = state.fields.with_field(HISTORY, state.fields["displacement"])
+    return State(fields, state.motions, adapted=True)
+
+
+def carried_over(state: State, tolerance: float, kind: str) -> State:
+    """The state on a coarsened forest, its displacement a first guess.
 
     Collective on state.forest.comm.  Criterion (2) refines cells with an error above e omega / sqrt(N).  A leaf merges
     with its siblings if two refinements of the parent, the most of one marking, are expected to lead to at most this
-    error (smooth solution).  A run then has two meshes as a rule, and measures the effectivity of the estimator.
+    error (smooth solution).  A run then has two meshes as a rule.
 
     Args:
         tolerance: prescribed accuracy e [-].
         kind: of partition, a key of `partition.KINDS`.
     """
-    forest, estimate, history = state.forest, state.estimate, state.history
-    allowed = (control.correction(history) * tolerance * estimate.energy_norm) ** 2 / estimate.cells
+    forest, estimate = state.forest, state.estimate
+    assert estimate is not None, "of a solved state"
+    allowed = (tolerance * estimate.energy_norm) ** 2 / estimate.cells
     merges = _merges(estimate.error**2, allowed / estimate.child_error**2, estimate.child_error, forest.level)
-    history = RefinementHistory(history.effectivity)
-    if not forest.comm.allreduce(bool(merges.any()), op=MPI.LOR):
-        return Beginning(forest, state.values, history, state.motions)
-    merged = coarsened(forest, forest.level - merges, kind)
-    return Beginning(merged, _on_nodes(forest, state.values, merged), history, state.motions)
+    fields = state.fields
+    if forest.comm.allreduce(bool(merges.any()), op=MPI.LOR):
+        fields = fields.coarsened(forest.level - merges, kind)
+    return State(fields, state.motions)
 
 
 def _merges(error2: FloatArray, allowed: float, child_error: float, level: Int8Array) -> Int8Array:
@@ -302,12 +350,3 @@ def _merges(error2: FloatArray, allowed: float, child_error: float, level: Int8A
     ancestors = np.arange(1, int(level.max(initial=0)) + 1)
     small = error2[:, None] <= allowed * child_error**ancestors
     return np.minimum(small.sum(axis=1), level).astype(np.int8)
-
-
-def _on_nodes(forest: Forest, values: FloatArray, merged: Forest) -> FloatArray:
-    """Nodal values (n, (p+1)^3, k) on a coarser forest, whose nodes are nodes of the finer one.  Collective."""
-    degree = hexahedron.order_of(values.shape[1])
-    before, after = Space(forest, degree), Space(merged, degree)
-    leaf, node = before.example.T
-    found, _ = before.directory.lookup(after.keys, values[leaf, node], np.ones(len(before), dtype=bool))
-    return found[after.cells]

@@ -25,7 +25,8 @@ class SweepRecord:
     Attributes:
         point: number of the point, from 0.
         value: of the parameter.
-        begun: "anew" on the root cells, or on the "coarse" forest of the point before.
+        begun: "anew" on the root cells; on the "coarse" forest of the point before, or, of increments, as it was
+            "before".
         solves: number of steps.
         unknowns: of all steps together.
         cpu_seconds: of the point, all ranks together, without its scene and compilation [s].
@@ -45,7 +46,8 @@ class SweepRecord:
         raise AttributeError(f"a SweepRecord has no attribute {name!r}{meant}", name=name)
 
     def __str__(self) -> str:
-        begun = f"begun {'on a coarse mesh' if self.begun == 'coarse' else self.begun}, {self.solves} steps"
+        where = {"coarse": "on a coarse mesh", "before": "on the mesh before"}.get(self.begun, self.begun)
+        begun = f"begun {where}, {self.solves} steps"
         head = f"point {self.point}, value {self.value:.6g}: {begun}, {self.cpu_seconds:.1f} s of CPU time"
         return f"{head}\n{self.record}"
 

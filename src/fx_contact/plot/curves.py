@@ -18,7 +18,7 @@ from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import OutputError, SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_comm, check_kind, check_kinds, check_name, check_number
-from fx_contact.path.load_path import Sweep, SweepPoint
+from fx_contact.path.load_path import LoadPath, SweepPoint
 from fx_contact.path.sweep_record import SweepRecord
 from fx_contact.plot.canvas import axes_for, draw_on_first
 from fx_contact.results.analytic import Hertz
@@ -180,7 +180,7 @@ def _draw_convergence(axes: "Axes", records: Sequence[StepRecord]) -> None:
 
 @collective("comm")
 def draw_sweep(
-    points: Sweep | Sequence[SweepRecord | SweepPoint],
+    points: LoadPath | Sequence[SweepRecord | SweepPoint],
     path: str | Path | None = None,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
     *,
@@ -204,7 +204,7 @@ def draw_sweep(
         OutputError: there is no point, or the picture cannot be written.
     """
     check_comm(comm)
-    points = points.records if isinstance(points, Sweep) else points
+    points = points.records if isinstance(points, LoadPath) else points
     check_kinds("the points", points, SweepRecord, SweepPoint)
     if not points:
         raise OutputError("no curve to draw: there is no point of a sweep, which is solved as it is iterated")

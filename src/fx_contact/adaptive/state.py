@@ -1,0 +1,70 @@
+"""The state of a run between two meshes, and of a load path between two points."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from mpi4py import MPI
+
+from fx_contact.adaptive.settings import Settings
+from fx_contact.adaptive.step import Step
+from fx_contact.estimate.estimator import Estimate
+from fx_contact.fem.nodal_fields import NodalFields
+from fx_contact.forest.forest import Forest
+from fx_contact.parallel.arrays import Int8Array
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What a run continues from.
+
+    Attributes:
+        fields: "displacement", solved or a first guess [m]; `step_solver.HISTORY`, that of the point before in a load
+            path of increments [m]; "carried", fields of the user.
+        motions: `StepRecord.motions`; None: obstacles below forces begin where they touch.
+        adapted: the forest is adapted to such a solution; else its estimate counts as that of a first mesh.
+        estimate: errors in the order of the leaves; None: to be solved.
+        refine: (n,), number of refinements of each leaf for contact and goals, beside those for the estimate.
+    """
+
+    fields: NodalFields
+    motions: Mapping[str, Any] | None = None
+    adapted: bool = False
+    estimate: Estimate | None = None
+    refine: Int8Array | None = None
+
+    @property
+    def forest(self) -> Forest:
+        """Forest of the fields."""
+        return self.fields.forest
+
+    @classmethod
+    def at_rest(cls, forest: Forest, degree: int) -> Self:
+        """The undeformed state on a forest.  Local."""
+        zero = np.zeros((len(forest), (degree + 1) ** 3, 3))
+        return cls(NodalFields.of(forest, degree, {"displacement": zero}))
+
+    @classmethod
+    def of(cls, step: Step) -> Self:
+        """The state after a step.  Collective on step.forest.comm."""
+        fields = step.fields.with_field("displacement", step.nodal_displacement)
+        cell, error = np.argsort(step.leaf_mesh.leaf), step.estimate
+        at_edge = None if error.at_edge is None else error.at_edge[cell]
+        estimate = replace(error, error=error.error[cell], energy=None, at_edge=at_edge)
+        adapted = step.record.assumed_effectivity == 1.0
+        return cls(fields, step.record.motions, adapted, estimate, step.contact_error.refine)
+
+    def is_accurate(self, settings: Settings) -> bool:
+        """True if a solved state needs no refinement.  Collective."""
+        assert self.estimate is not None and self.refine is not None, "solved"
+        theta = settings.control.effectivity(not self.adapted)
+        more = self.forest.comm.allreduce(bool(self.refine.any()), op=MPI.LOR)
+        return settings.control.sought(self.estimate, settings.tolerance, theta) is None and not more
+
+    def refined(self, settings: Settings) -> Self:
+        """A solved state on the forest refined for the tolerance, for contact and goals.  Collective."""
+        assert self.estimate is not None and self.refine is not None, "solved"
+        theta, comm = settings.control.effectivity(not self.adapted), self.forest.comm
+        marked = settings.control.marked(self.estimate, settings.tolerance, theta, comm)
+        return type(self)(self.fields.refined(np.maximum(marked, self.refine)), self.motions, adapted=True)
