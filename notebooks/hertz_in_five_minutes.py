@@ -29,7 +29,8 @@ from fx_contact.scenes import hertz
 
 material = Material(young=1.0, poisson=0.3)
 scene = hertz(radius=1.0, displacement=0.01, material=material)
-steps = list(adapt(scene, tolerance=0.2))
+run = adapt(scene, tolerance=0.2)
+steps = list(run)
 Image(draw_mesh(steps[-1], "../results/notebooks/mesh.png", colour="level"), width=700)
 
 # %% [markdown]
@@ -38,9 +39,7 @@ Image(draw_mesh(steps[-1], "../results/notebooks/mesh.png", colour="level"), wid
 # pressure are much more accurate than 20 %.
 
 # %%
-from fx_contact.results import table_head, table_row
-
-print(table_head(), *(table_row(step.record) for step in steps), sep="\n")
+print(run)
 
 # %% [markdown]
 # ## Pressure

@@ -31,7 +31,7 @@ client = cluster.start_and_connect_sync()
 from mpi4py import MPI
 
 from fx_contact import adapt
-from fx_contact.plot import draw_mesh, draw_partition
+from fx_contact.plot import draw_mesh
 from fx_contact.scenes import hertz
 
 comm = MPI.COMM_WORLD
@@ -46,7 +46,7 @@ print(f"rank {comm.rank} of {comm.size} has {leaves}")
 
 # %%
 # %%px
-where = draw_partition(step, "../results/notebooks/partition.png")
+where = draw_mesh(step, "../results/notebooks/partition.png", zoom=None)
 where = draw_mesh(step, "../results/notebooks/ranks.png")
 
 # %%

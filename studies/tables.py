@@ -48,13 +48,6 @@ COLUMNS = {
         "contact radius": "{contact_radius:+.3%}",
         "seconds": "{wall_s:.1f}",
     },
-    "studies/cost/parts.csv": {
-        "part": "{part}",
-        "dofs": "{dofs:,}",
-        "iterations": "{iterations:d}",
-        "CPU seconds": "{cpu_s:.2f}",
-        "more than the bare scene": "{more_s:+.2f}",
-    },
     "studies/effectivity/table.csv": {
         "case": "{case}",
         "degree": "{degree:d}",
@@ -286,12 +279,6 @@ ORDERS = {
     "over order 1 (target 1.2)": "{cpu_over_order_1:.2f}",
     "memory over order 1": "{memory_over_order_1:.2f}",
 }
-GLUED = {
-    "scene": "{scene}",
-    "CPU, contact": "{contact_s:.2f} s",
-    "CPU, glued": "{glued_s:.2f} s",
-    "ratio (target 1.15)": "{ratio:.2f} ({least:.2f} to {most:.2f})",
-}
 
 
 def markdown(rows, columns):
@@ -386,7 +373,6 @@ TABLES = {name: partial(markdown, columns=columns) for name, columns in COLUMNS.
     "studies/cost/leaf_springs.csv": lambda rows: plain(list(by_cells(rows))),
     "studies/goals/table.csv": lambda rows: markdown(by_goal(rows), GOALS),
     "studies/cost/orders.csv": lambda rows: markdown([row for row in rows if row["ranks"] == 2], ORDERS),
-    "studies/cost/glued.csv": lambda rows: markdown([row for row in rows if row["dofs"] == "all steps"], GLUED),
 }
 
 

@@ -1,24 +1,20 @@
 """The command `fx-contact`, or `python3 -m fx_contact`; under mpirun rank 0 alone prints."""
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 from mpi4py import MPI
 
 from fx_contact.command.info import library_lines
-from fx_contact.command.programs import demo, demos, run_program, summary
-from fx_contact.command.records import record_lines
+from fx_contact.command.programs import run_program
 from fx_contact.parallel.errors import FxContactError
-from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import nearest
 from fx_contact.parallel.versions import project_version
 
 _HELP = """usage: fx-contact COMMAND [ARGUMENT...]
 
   run PROGRAM [ARGUMENT...]   run a program of your own; all ranks end when one fails
-  demo [NAME [ARGUMENT...]]   run a demo; without a name, list them
-  show FOLDER                 table, last record and pictures of the records in a folder of results
   info                        versions of the libraries, and optional packages that are missing
   --version, --help
 
@@ -60,34 +56,14 @@ def _run(words: list[str]) -> None:
     run_program(words[0], words[1:])
 
 
-def _demo(words: list[str]) -> None:
-    if words:
-        run_program(str(demo(words[0])), words[1:])
-    else:
-        _say("\n".join(f"{name:24}{summary(path)}" for name, path in demos().items()))
-
-
-def _show(words: list[str]) -> None:
-    if len(words) != 1:
-        _refuse("show needs one folder")
-    _on_first(lambda: record_lines(Path(words[0])))
-
-
 def _info(words: list[str]) -> None:
     if words:
         _refuse("info takes no arguments")
-    _on_first(library_lines)
+    _say("\n".join(library_lines()))
 
 
 #: Commands by name.
-_COMMANDS: dict[str, Callable[[list[str]], None]] = {"run": _run, "demo": _demo, "show": _show, "info": _info}
-
-
-def _on_first(lines: Callable[[], Iterable[str]]) -> None:
-    """Print the lines that rank 0 makes.  Collective.  Raises errors of rank 0 on all ranks."""
-    with together(MPI.COMM_WORLD):
-        if MPI.COMM_WORLD.rank == 0:
-            print("\n".join(lines()))
+_COMMANDS: dict[str, Callable[[list[str]], None]] = {"run": _run, "info": _info}
 
 
 def _say(text: str, stream: object = None) -> None:

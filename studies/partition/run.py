@@ -27,7 +27,9 @@ from fx_contact.forest.partition import KINDS, Units
 from fx_contact.parallel.errors import OutputError, PartitionError
 from fx_contact.parallel.exchange import FEW_RANKS
 from fx_contact.parallel.mpi import together
-from fx_contact.plot import draw_parts
+from fx_contact.plot.bodies import add_numbers
+from fx_contact.plot.canvas import add_legend, look_at, plotter_for
+from fx_contact.plot.surfaces import face_points, visible_faces
 from fx_contact.scenes import hertz, indentation
 from studies import tables
 from studies.partition.figures import draw_cuts, side_by_side
@@ -53,13 +55,18 @@ def draw_in_32(name, forests, lineage, folder):
     """Pictures of each kind in 32 parts, as the paper's figure 3, of the first forest of 20,000 leaves or more."""
     make, *_, reach = BENCHMARKS[name]
     chosen = next((i for i, forest in enumerate(forests) if len(forest) >= 20_000), len(forests) - 1)
-    forest, pictures = forests[chosen], {}
+    forest, pictures, centre = forests[chosen], {}, np.array(make().contact_centre or (0.0, 0.0, 0.0))
     pieces = {pairs: Units(forest, pairs) for pairs in (True, False)}
     judge = Judge(forest, Prolongation(Space(forest, 1)))
     for kind, part, *_ in partitions(forests[: chosen + 1], lineage, 32, pieces):
         found, path = judge.score(part, 32), folder / f"{name}_{kind}_32.png"
         pictures["{}: {cut_facets:,} cut facets, {split_pairs:,} split pairs".format(kind, **found)] = path
-        draw_parts(forest, part, make().contact_centre or (0.0, 0.0, 0.0), reach, path)
+        leaf, face = visible_faces(forest, centre, reach)
+        points = face_points(forest, leaf, face)
+        with plotter_for(path) as plotter:
+            add_numbers(plotter, points, np.repeat(part[leaf], points.shape[1]), "part")
+            look_at(plotter, centre, 0.7 * reach)
+            add_legend(plotter, "")
     side_by_side(pictures, f"{name}, {len(forest):,} leaves in 32 parts", folder / f"{name}_32.png")
 
 

@@ -42,7 +42,8 @@ from fx_contact import (
 )
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.plot import draw_bodies, draw_mesh, plotter_for
-from fx_contact.results import contact_functions, model_warnings
+from fx_contact.results.contact_surface import contact_functions
+from fx_contact.results.report import model_warnings
 from fx_contact.scene.fingerprint import scene_parts
 from fx_contact.scenes import hertz, indentation
 

@@ -13,9 +13,10 @@ from scipy.sparse import coo_matrix, csr_matrix, diags
 
 from fx_contact import ContactPair, Dirichlet, Enforcement, Material, SceneError, SolveError, adapt
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.contact import KINDS, KeyedEntries, RowColumns, RowKind, create_rows
+from fx_contact.contact.constraint_rows import KeyedEntries, RowColumns, RowKind
 from fx_contact.contact.contact_facets import facet_shares, moduli, nodal_sums, positions_across, spring_stiffness
 from fx_contact.contact.projection import Projection
+from fx_contact.contact.row_kinds import KINDS, create_rows
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.contact import Contact
 from fx_contact.parallel.exchange import Exchange

@@ -34,8 +34,7 @@ RUN = (
     r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured)\.py.*"
     r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore|rigid_stamp|roller_on_block)\.py.*"
     r"|(mpirun (--oversubscribe )?-n \d+ )?python3 -m studies\.\w+\.\w+.*"
-    r"|(mpirun -n \d )?python3 -m fx_contact (info|demo)"
-    r"|(mpirun -n \d )?python3 studies/equivalence/(records|compare)\.py .*"
+    r"|(mpirun -n \d )?python3 -m fx_contact info"
 )
 #: What is not.
 SKIPPED = {
@@ -43,7 +42,7 @@ SKIPPED = {
     r"docs/build": "it needs a root of its own",
     r"(mpirun -n \d )?python3 demos/own_gmsh_model\.py": "test_ready_scenes runs it",
     r"(mpirun -n \d )?python3 demos/step_part\.py": "test_own_shapes runs it",
-    r"python3 -m fx_contact( (show|run|demo) .*)?": "test_command does it",
+    r"python3 -m fx_contact( run .*)?": "test_command does it",
     r"COMMAND|python3 program\.py|python3 -m mpi4py": "it stands for a user's own",
     r"python3 -m flake8 .*": "tests/run begins with it",
     r"jupytext .*": "test_notebooks sees that it has nothing to do",
@@ -67,18 +66,14 @@ SMALLER = (
     (r"(studies\.goals\.axisymmetric_punch).*", r"\1 --size 0.1"),
     (r"(studies\.effectivity\.run).*", r"\1 --only indentation --degree 1 --most 5000"),
     (r"(studies\.incompressible\.axisymmetric).*", r"\1 --cells 5"),
-    (r"(studies\.parameters\.run).*", r"\1 --only target --scene 'film, whose weight is the load'"),
     (r"(studies\.stability\.run).*", r"\1 --only gap/stack/1e-2"),
-    (r"(mpirun -n \d )?(python3 -m studies\.cost\.glued).*", r"\2 --tolerance 0.3 --repeats 1"),
-    (r"(mpirun -n \d )?(python3 studies/equivalence/records\.py) .*", r"\2 --only patch after.json"),
-    (r"(studies/equivalence/compare\.py) .*", r"\1 after.json after.json"),
     (r"(studies\.stability\.compare) (\S+) .*", r"\1 \2 \2"),
     (r"(studies\.mutations\.run).*", r"\1 --count 2 --list"),
     (r"jupyter notebook .*", "jupyter notebook --version"),
 )
 #: Studies that take minutes even in their smallest form, demos that differ in their options, tests;
 #: `test_notebooks` executes the notebooks.
-LONG = r"studies\.partition\.|studies\.(work_precision|incompressible)\.run|studies\.cost\.(?!glued)"
+LONG = r"studies\.partition\.|studies\.(work_precision|incompressible)\.run|studies\.cost\."
 LONG += r"|studies\.stability\.(without|iterations)|studies\.goals\.(forces|rigid_twins)"
 LONG += r"|studies\.effectivity\.(stress|cad|first_mesh|hertz_truth)|studies\.(nonmatching|layers)"
 LONG += r"|notebooks/execute\.py|-m pytest|demos/.*--(degree|symmetry|order|partition|enforcement)"

@@ -35,7 +35,8 @@ from fx_contact import (
     sweep,
 )
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.results import model_warnings, true_error
+from fx_contact.results import true_error
+from fx_contact.results.report import model_warnings
 from fx_contact.scene.fingerprint import scene_parts
 from fx_contact.verdict.validity import load_warnings
 

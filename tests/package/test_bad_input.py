@@ -58,7 +58,6 @@ from fx_contact.plot import (
     draw_bodies,
     draw_convergence,
     draw_mesh,
-    draw_partition,
     draw_pressure,
     draw_pressure_map,
     draw_stress,
@@ -647,7 +646,7 @@ CASES = {
 CASES[SceneError] += [
     *(
         (partial(action, "step", 0.1), "a Step is needed")
-        for action in (true_error, draw_pressure, draw_mesh, draw_partition, draw_stress, write_fields)
+        for action in (true_error, draw_pressure, draw_mesh, draw_stress, write_fields)
     ),
     (lambda: contact_functions("step"), "a Step is needed"),
     *(

@@ -26,7 +26,7 @@ from fx_contact import (
 )
 from fx_contact.parallel import meeting
 from fx_contact.parallel.meeting import calling, collective
-from fx_contact.plot import draw_convergence, draw_mesh, draw_partition, draw_pressure, draw_stress
+from fx_contact.plot import draw_convergence, draw_mesh, draw_pressure, draw_stress
 from fx_contact.results import RecordWriter, contact_errors, true_error, write_fields
 
 COMM = MPI.COMM_WORLD
@@ -68,7 +68,6 @@ CALLS = {
     "Step.ds of step 0": lambda run, folder: run.step.ds("top"),
     "ContactState.gathered": lambda run, folder: run.step.contact.gathered(),
     "draw_mesh of step 0": lambda run, folder: draw_mesh(run.step, folder / "a.png"),
-    "draw_partition of step 0": lambda run, folder: draw_partition(run.step, folder / "a.png"),
     "draw_pressure of step 0": lambda run, folder: draw_pressure(run.step, folder / "a.png"),
     "draw_stress of step 0": lambda run, folder: draw_stress(run.step, folder / "a.png"),
     "draw_convergence": lambda run, folder: draw_convergence(run.records, folder / "a.png"),

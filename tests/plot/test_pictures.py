@@ -15,43 +15,16 @@ from fx_contact.plot import (
     draw_bodies,
     draw_convergence,
     draw_mesh,
-    draw_partition,
     draw_pressure,
     draw_pressure_map,
     draw_stress,
     draw_sweep,
 )
-from fx_contact.plot.bodies import _on_faces
-from fx_contact.plot.canvas import picture_size, plotter_for, view_axes
-from fx_contact.plot.cells import _level_colour, _number_colour
-from fx_contact.plot.cut import _outlines, cut_by_region
-from fx_contact.plot.faces import visible_faces
+from fx_contact.plot.bodies import _colours, _on_faces
+from fx_contact.plot.canvas import _LEFT, _SHOWN, add_legend, look, plotter_for
+from fx_contact.plot.cut import _section
+from fx_contact.plot.surfaces import visible_faces
 from fx_contact.scenes import cylinders, hertz, shrink_fit, stack
-
-
-def test_each_body_shows_its_own_stress():
-    """Two cubes on each other, one stressed: the section jumps where they touch, and no point has both values."""
-    z, y, x = (axis.ravel() for axis in np.meshgrid(*[[0.0, 1.0]] * 3, indexing="ij"))
-    cube = np.stack([x, y, z], axis=1)
-    corners, values = np.stack([cube, cube + [0, 0, 1]]), np.repeat([[0.0], [1.0]], 8, axis=1)
-    sections = cut_by_region(corners, values, np.array([0, 1]), 0.5)
-    assert len(sections) == 2
-    for section, stress, bottom in zip(sections, (0.0, 1.0), (0.0, 1.0)):
-        assert (section.points[:, 2].min(), section.points[:, 2].max()) == (bottom, bottom + 1), "the bodies touch"
-        assert (section["stress"] == stress).all()
-    together = cut_by_region(corners, values, np.array([0, 0]), 0.5)[0]
-    assert together.n_points < sum(s.n_points for s in sections), "what VTK does where they are one body"
-
-
-def test_quadratic_leaves_bend():
-    """A leaf of degree 2 is cut along its bent sides, with the stress of all its nodes."""
-    z, y, x = (axis.ravel() for axis in np.meshgrid(*[np.linspace(0, 1, 3)] * 3, indexing="ij"))
-    nodes = np.stack([x, y, z + x * (1 - x)], axis=1)
-    (section,) = cut_by_region(nodes[None], (x * (1 - x))[None], np.zeros(1, dtype=int), 0.5)
-    assert np.isclose(section.bounds[5], 1.25) and np.isclose(section["stress"].max(), 0.25)
-    lines = _outlines(nodes[None], 0.5).points
-    at_middle = np.isclose(lines[:, 0], 0.5)
-    assert set(np.round(lines[at_middle, 2], 9)) == {0.25, 1.25}, "the sides are bent, and no line is inside"
 
 
 @cache
@@ -71,7 +44,7 @@ def _point(record):
 PICTURES = {
     "mesh": lambda step, records, path: draw_mesh(step, path),
     "levels": lambda step, records, path: draw_mesh(step, path, zoom=4, colour="level"),
-    "partition": lambda step, records, path: draw_partition(step, path),
+    "partition": lambda step, records, path: draw_mesh(step, path, zoom=None),
     "bodies": lambda step, records, path: draw_bodies(step, path, cut=True, apart=0.1),
     "pressure": lambda step, records, path: draw_pressure(step, path),
     "map": lambda step, records, path: draw_pressure_map(step, path),
@@ -113,9 +86,25 @@ def test_on_what_the_user_gives(tmp_path):
         draw_mesh(step)
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_sections(degree):
+    """Each body has its own section; with quadratic leaves it bends; no line is inside a leaf."""
+    step, _ = a_step(degree)
+    centre = np.zeros(3)
+    sections, outlines = _section(step, centre, np.inf, 1)
+    everywhere(len(sections) == len(np.unique(step.forest.mesh.region[step.forest.cell])), "a body that is not cut")
+    for section, lines in zip(sections, outlines):
+        assert np.ptp(section.points[:, 1]) < 1e-9
+        everywhere((section.points[:, 2] > -1e-9).all() or (section.points[:, 2] < 1e-9).all(), "two bodies in one")
+        distance = np.linalg.norm(lines.points - [0, 0, 1], axis=1), np.linalg.norm(lines.points + [0, 0, 1], axis=1)
+        assert np.minimum(*distance).max() < 1 + 1e-6, "lines outside of the balls"
+    area = WORLD.allreduce(sum(section.compute_cell_sizes()["Area"].sum() for section in sections))
+    assert abs(area / (np.pi / 2) - 1) < (0.06 if degree == 1 else 0.02), "two quarters of discs"
+
+
 @pytest.mark.ranks(2)
-@pytest.mark.parametrize("name, strip", [("levels", 0.11), ("bodies near", 0.22), ("stress near", 0.22)])
-def test_legends_are_beside_the_bodies(name, strip, tmp_path):
+@pytest.mark.parametrize("name", ["levels", "bodies near", "stress near"])
+def test_legends_are_beside_the_bodies(name, tmp_path):
     """In zoomed views nothing of the bodies is at the right, where the legends are; left of it they end sharply."""
     step, _ = a_step()
     path = WORLD.bcast(tmp_path / "a.png")
@@ -130,24 +119,43 @@ def test_legends_are_beside_the_bodies(name, strip, tmp_path):
 
         pixels = imread(path)[..., :3]
         height, width = pixels.shape[:2]
-        edge = round((1 - strip) * width)
+        edge = round((1 + _SHOWN - _LEFT) / 2 * width)
         below = pixels[int(0.8 * height) :]  # below the legends
         assert (below[:, edge + 3 : -1] == 1).all(), "bodies below the legend"  # the last column is smoothed by VTK
         assert (below[:, edge - 8 : edge - 3] < 1).any(), "the bodies end before it"
 
 
 def test_zoom_is_about_the_contact(tmp_path):
-    """The magnified picture is centred there, left of its legend; the other on all bodies."""
+    """The magnified picture is centred there; the other on all bodies."""
     step, _ = a_step()
-    with plotter_for(tmp_path / "a.png") if WORLD.rank == 0 else nullcontext() as plotter:
-        draw_bodies(step, zoom=8, plotter=plotter)
-        if plotter:
-            camera = plotter.camera
-            width, height = picture_size(plotter)
-            towards = np.array(camera.position) - camera.focal_point
-            axes = view_axes(towards, np.array(camera.up))
-            right, up, _ = axes @ (np.asarray(step.record.contact_centre) - camera.focal_point)
-            assert np.allclose([right, up], [-0.22 * camera.parallel_scale * width / height, 0], atol=1e-9)
+    for zoom in (1, 8):
+        with plotter_for(tmp_path / "a.png") if WORLD.rank == 0 else nullcontext() as plotter:
+            draw_bodies(step, zoom=zoom, plotter=plotter)
+            if plotter:
+                found = np.allclose(plotter.camera.focal_point, step.record.contact_centre, atol=1e-9)
+                assert found == (zoom == 8)
+
+
+@pytest.mark.parametrize("size, units", [(1.0, None), (0.013, ("mm", "MPa"))])
+def test_scale_bar(size, units, tmp_path, monkeypatch):
+    """As long as it says, across the view, inside the picture."""
+    import pyvista
+
+    if WORLD.rank:
+        return
+    with plotter_for(tmp_path / "a.png", 800, 300) as plotter:
+        plotter.add_mesh(pyvista.Cube().scale(size))
+        look(plotter, (1, -2, 1))
+        said = []
+        monkeypatch.setattr(plotter, "add_point_labels", lambda _, texts, **__: said.extend(texts))
+        add_legend(plotter, "it", units)
+        (line,) = (mesh for mesh in plotter.meshes if mesh.n_cells == 1 and mesh.n_points == 2)
+        length = float(np.linalg.norm(np.ptp(line.points, axis=0)))
+        number, *unit = said[0].split()
+        assert np.isclose(float(number), length) and unit == (["mm"] if units else [])
+        towards = np.array(plotter.camera.position) - plotter.camera.focal_point
+        assert abs(np.diff(line.points, axis=0) @ towards) < 1e-6 * length * np.linalg.norm(towards)
+        assert 0.05 < length / (2 * plotter.camera.parallel_scale * 800 / 300) < 0.2
 
 
 def test_map_of_a_contact():
@@ -188,11 +196,13 @@ def test_units_on_a_map():
 
 
 @pytest.mark.parametrize("scene", [cylinders(), shrink_fit(interference=1e-3), stack()], ids=lambda scene: scene.name)
-def test_radius_of_contact_that_is_not_round(scene):
-    """Lines, rings and several contacts have no radius: the error says what to call; with a known solution it goes."""
-    step = solve(scene, 0.5, max_steps=1, degree=1)
-    with pytest.raises(SceneError, match="not round.*draw_pressure_map"):
-        draw_pressure(step, "a.png")
+def test_pressure_of_contact_that_is_not_round(scene):
+    """Lines, rings and several contacts are drawn over the distance from the centre, as the axis says."""
+    from matplotlib.figure import Figure
+
+    ax = Figure().add_subplot()
+    draw_pressure(solve(scene, 0.5, max_steps=1, degree=1), ax=ax)
+    everywhere(WORLD.rank > 0 or ax.get_xlabel() == "distance from the centre" and ax.lines, "another picture")
 
 
 def test_scale_of_a_cut(tmp_path):
@@ -239,17 +249,18 @@ def test_what_faces_show(degree):
     everywhere(pressure.min(initial=0.0) >= 0, "pressure that pulls")
 
 
-def test_levels_are_drawn_where_they_are():
-    """Between the coarsest and the finest shown leaf each level has a shade of its own, the same in all pictures."""
-    shades = np.array([_level_colour(level) for level in range(8)])
-    assert (np.abs(np.diff(shades, axis=0)).max(axis=1) > 0.01).all()
+def test_numbers_have_colours_of_their_own():
+    """Levels from light to dark, the same in all pictures; of 10 ranks no two have nearly the same colour."""
+    from matplotlib.colors import to_rgb
 
-
-def test_ranks_have_colours_of_their_own():
-    """Of 21 ranks no two have nearly the same colour, neighbours least of all."""
-    colours = np.array([_number_colour(number) for number in range(21)])
-    apart = np.linalg.norm(colours[:, None] - colours, axis=2) + 10 * np.eye(21)
-    assert apart.min() > 0.1 and np.diag(apart, 1).min() > 0.25
+    shades = np.array([to_rgb(colour) for colour in _colours("level", 8)])
+    assert (np.diff(shades @ (0.299, 0.587, 0.114)) < -0.01).all() and _colours("level", 3) == _colours("level", 8)[
+        :3
+    ]
+    assert len(set(_colours("rank", 20))) == 20
+    colours = np.array([to_rgb(colour) for colour in _colours("rank", 10)])
+    apart = np.linalg.norm(colours[:, None] - colours, axis=2) + 10 * np.eye(10)
+    assert apart.min() > 0.25
 
 
 def test_wrong_requests():

@@ -15,7 +15,8 @@ from scipy.spatial import cKDTree
 from fx_contact import ErrorControl, Material, adapt
 from fx_contact.parallel.compat import geometry_nodes
 from fx_contact.parallel.errors import OutputError
-from fx_contact.results import Hertz, contact_functions, output, write_fields
+from fx_contact.results import Hertz, output, write_fields
+from fx_contact.results.contact_surface import contact_functions
 from fx_contact.results.output import point_fields
 from fx_contact.scenes import hertz, indentation
 

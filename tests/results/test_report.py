@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from dataclasses import replace
+from importlib import import_module
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,13 +12,29 @@ import pytest
 from conftest import WORLD
 from model_problems import step_record
 
-from fx_contact import GoalRecord, Resultant, SolveError, Solver, Step, StepRecord, adapt, results, solve, sweep
+from fx_contact import (
+    GoalRecord,
+    Resultant,
+    SolveError,
+    Solver,
+    Step,
+    StepRecord,
+    adapt,
+    adaptive,
+    contact,
+    plot,
+    problem,
+    results,
+    solve,
+    sweep,
+)
 from fx_contact.adaptive import progress_line
 from fx_contact.adaptive.contact_state import ContactTable
+from fx_contact.adaptive.step_report import table_head, table_row
 from fx_contact.items.units import labelled, unit_of
 from fx_contact.parallel.timing import STAGES
 from fx_contact.parallel.validation import percent
-from fx_contact.results import force_warnings, table_head, table_row, total_seconds
+from fx_contact.results.report import force_warnings, total_seconds
 from fx_contact.scenes import hertz, stack
 
 
@@ -185,10 +202,28 @@ def test_sweep_in_a_notebook():
     assert re.findall("<td>(.*?)</td>", html)[-13:] == ["0.002", *table_row(last).split()]
 
 
-def test_former_name_of_the_warnings():
-    """It says the new one."""
-    with pytest.warns(DeprecationWarning, match="doubt_lines is now model_warnings"):
-        assert results.doubt_lines is results.model_warnings
+@pytest.mark.parametrize(
+    "room, name, now",
+    [
+        (results, "doubt_lines", "fx_contact.results.report.model_warnings"),
+        (results, "table_row", "fx_contact.adaptive.step_report.table_row"),
+        (contact, "create_node_pairs", "create_rows(scene, prolongation, enforcement)"),
+        (contact, "KINDS", "fx_contact.contact.row_kinds.KINDS"),
+        (adaptive, "solve", "fx_contact.solve"),
+        (plot, "draw_partition", "draw_mesh(step, path, zoom=None)"),
+        (problem, "Scene", "fx_contact.Scene"),
+    ],
+)
+def test_former_names(room, name, now):
+    """They say the new ones, and are them; a name that never was is an AttributeError."""
+    with pytest.warns(DeprecationWarning, match=re.escape(f"{room.__name__}.{name} is now {now}")):
+        found = getattr(room, name)
+    assert callable(found) or found
+    place, _, new = now.rpartition(".")
+    if place and new.isidentifier():
+        assert found is getattr(import_module(place), new)
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        room.nothing
 
 
 def test_state_of_contact():

@@ -141,11 +141,11 @@ def test_cut(folder):
     with plotter_for(folder / "cut.png", 400, 300) if WORLD.rank == 0 else nullcontext() as plotter:
         draw_stress(step, plotter=plotter)
         if plotter:
-            section = next(m for m in plotter.meshes if "stress" in m.point_data)
+            section = next(m for m in plotter.meshes if "value" in m.point_data)
             at = np.abs(section.points[:, 2] - 1) < 1e-9
             known = sorted(np.abs(layers((SOFT, HARD), 1e-3)[2]))
-            assert np.unique(section["stress"].round(9)) == pytest.approx(known, rel=1e-5)
-            assert np.unique(section["stress"][at].round(9)) == pytest.approx(known, rel=1e-5)
+            assert np.unique(section["value"].round(9)) == pytest.approx(known, rel=1e-5)
+            assert np.unique(section["value"][at].round(9)) == pytest.approx(known, rel=1e-5)
 
 
 # Manufactured: plane strains grad(psi) on both sides of z = 1, which is free of stress: u_z = c s psi sin(z - 1) with

@@ -32,7 +32,7 @@ from fx_contact import (
 )
 from fx_contact.estimate.goal_errors import GoalRecord
 from fx_contact.fem.cell_strain import cell_strains
-from fx_contact.results import model_warnings
+from fx_contact.results.report import model_warnings
 from fx_contact.scenes import hertz, indentation, punch, shrink_fit, stack
 from fx_contact.verdict.validity import ModelWarning, _place_of_largest, growing_pressures, load_warnings
 

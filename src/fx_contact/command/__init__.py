@@ -1,1 +1,1 @@
-"""The command `fx-contact`, also `python3 -m fx_contact`: programs, demos, records, versions.  It alone prints."""
+"""The command `fx-contact`, also `python3 -m fx_contact`: programs, versions.  It alone prints."""

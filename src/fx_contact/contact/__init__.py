@@ -1,32 +1,23 @@
 """Contact as rows of constraints: kinds of rows, jump, projection, one linear system."""
 
-import warnings
 from typing import Any
 
-from fx_contact.contact.constraint_rows import ConstraintRows, Entries, KeyedEntries, RowColumns, RowKind
-from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
-from fx_contact.contact.enforcement import Enforcement
-from fx_contact.contact.node_pairs import NodePairs
-from fx_contact.contact.row_kinds import KINDS, create_rows
-
-__all__ = [
-    "KINDS",
-    "ConstraintRows",
-    "ContactProblem",
-    "Enforcement",
-    "Entries",
-    "KeyedEntries",
-    "NodePairs",
-    "RowColumns",
-    "RowKind",
-    "SolveOptions",
-    "create_rows",
-]
+from fx_contact.parallel.former import former_names
 
 
-def __getattr__(name: str) -> Any:
-    """The former name `create_node_pairs`, with a warning."""
-    if name != "create_node_pairs":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    warnings.warn("create_node_pairs is now create_rows", DeprecationWarning, stacklevel=2)
-    return lambda scene, _forest, prolongation, enforcement: create_rows(scene, prolongation, enforcement)
+def _create_node_pairs(scene: Any, _forest: Any, prolongation: Any, enforcement: Any) -> Any:
+    from fx_contact.contact.row_kinds import create_rows
+
+    return create_rows(scene, prolongation, enforcement)
+
+
+_ROWS = "fx_contact.contact.constraint_rows"
+__getattr__ = former_names(
+    __name__,
+    {name: f"{_ROWS}.{name}" for name in ("ConstraintRows", "Entries", "KeyedEntries", "RowColumns", "RowKind")}
+    | {name: f"fx_contact.contact.contact_problem.{name}" for name in ("ContactProblem", "SolveOptions")}
+    | {name: f"fx_contact.contact.row_kinds.{name}" for name in ("KINDS", "create_rows")}
+    | {"Enforcement": "fx_contact.Enforcement", "NodePairs": "fx_contact.contact.node_pairs.NodePairs"}
+    | {"create_node_pairs": "create_rows(scene, prolongation, enforcement) of fx_contact.contact.row_kinds"},
+    {"create_node_pairs": _create_node_pairs},
+)

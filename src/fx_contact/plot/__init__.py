@@ -4,9 +4,9 @@ Functions that draw are collective.  Rank 0 draws into the PNG of a path, or on 
 all ranks return the path, or the given object.  OutputError: the picture cannot be written.
 """
 
-from fx_contact.plot.bodies import draw_bodies
+from fx_contact.parallel.former import former_names
+from fx_contact.plot.bodies import draw_bodies, draw_mesh
 from fx_contact.plot.canvas import plotter_for
-from fx_contact.plot.cells import draw_mesh, draw_partition, draw_parts
 from fx_contact.plot.curves import draw_convergence, draw_pressure, draw_sweep
 from fx_contact.plot.cut import draw_stress
 from fx_contact.plot.pressure_map import draw_pressure_map
@@ -15,11 +15,19 @@ __all__ = [
     "draw_bodies",
     "draw_convergence",
     "draw_mesh",
-    "draw_partition",
-    "draw_parts",
     "draw_pressure",
     "draw_pressure_map",
     "draw_stress",
     "draw_sweep",
     "plotter_for",
 ]
+
+__getattr__ = former_names(
+    __name__,
+    {"draw_partition": "draw_mesh(step, path, zoom=None)"},
+    {
+        "draw_partition": lambda step, path=None, colour="rank", *, plotter=None: draw_mesh(
+            step, path, None, colour, plotter=plotter
+        )
+    },
+)

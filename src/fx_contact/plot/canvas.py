@@ -1,4 +1,4 @@
-"""Axes of matplotlib and plotters of pyvista, saved as PNG by rank 0."""
+"""Axes of matplotlib and plotters of pyvista, saved as PNG by rank 0; camera and legends."""
 
 import os
 import shutil
@@ -6,7 +6,7 @@ import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,26 +19,23 @@ from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import OutputError
 from fx_contact.parallel.mpi import together
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from pyvista import Plotter, PolyData
-
-Canvas = TypeVar("Canvas")
-
 #: Endings of files that matplotlib and pyvista write, and those of matplotlib alone.
 _PICTURES, _VECTOR_GRAPHICS = (".png", ".jpg", ".jpeg", ".tif", ".tiff"), (".pdf", ".svg", ".eps", ".ps", ".webp")
+#: Share of the width or height that the bodies fill; of half the width: by which they are moved to the left of the
+#: legends, and which they have to the right of what is magnified.
+_FILLED, _LEFT, _SHOWN = 0.8, 0.2, 0.78
 
 
 def draw_on_first(
     comm: MPI.Intracomm,
     path: str | Path | None,
-    draw: Callable[[Canvas], None],
-    canvas: Callable[[Path], AbstractContextManager[Canvas]],
-    given: Canvas | None = None,
-) -> Path | Canvas | None:
+    draw: Callable[[Any], None],
+    canvas: Callable[[Path], AbstractContextManager[Any]],
+    given: Any = None,
+) -> Any:
     """Draw a picture on rank 0, on the axes or plotter given there or, with `axes_for` or `plotter_for`, into a file.
 
-    Collective on comm.
+    Collective on comm.  Returns what is given, or the path.
 
     Raises:
         OutputError: the picture cannot be written or its name is that of no picture, or neither a path nor axes nor a
@@ -47,7 +44,6 @@ def draw_on_first(
     if comm.bcast(given is not None):
         with together(comm):
             if comm.rank == 0:
-                assert given is not None
                 draw(given)
         return given
     path = shared_path(comm, "the name of a picture", path, OutputError)
@@ -73,7 +69,7 @@ def on_first(comm: MPI.Intracomm, *arrays: npt.NDArray[Any]) -> list[npt.NDArray
 
 
 @contextmanager
-def axes_for(path: Path) -> "Iterator[Axes]":
+def axes_for(path: Path) -> Iterator[Any]:
     """Axes of a new figure, saved at the end of the `with` block.  Local.  pyplot and its figures are not touched."""
     from matplotlib.figure import Figure
 
@@ -85,7 +81,7 @@ def axes_for(path: Path) -> "Iterator[Axes]":
 
 
 @contextmanager
-def plotter_for(path: str | Path, width: int = 1200, height: int = 840) -> "Iterator[Plotter]":
+def plotter_for(path: str | Path, width: int = 1200, height: int = 840) -> Iterator[Any]:
     """A pyvista Plotter whose picture is saved at the end of the `with` block, in an existing folder.
 
     Local.  Width and height are in pixels.  Without a display a virtual one, Xvfb, is started.
@@ -104,73 +100,70 @@ def plotter_for(path: str | Path, width: int = 1200, height: int = 840) -> "Iter
             plotter.close()  # before its display ends, or X ends the process
 
 
-def picture_size(plotter: "Plotter") -> FloatArray:
-    """Width and height [pixels] of the picture, or of the active subplot.  Local."""
-    x0, y0, x1, y1 = plotter.renderer.GetViewport()
-    return np.array(plotter.window_size) * np.array([x1 - x0, y1 - y0])
+def look(plotter: Any, eye: npt.ArrayLike, up: npt.ArrayLike = (0, 0, 1)) -> None:
+    """Turn the camera to all that is drawn, seen from a direction (3,), and fill the picture.  Local."""
+    plotter.enable_parallel_projection()
+    plotter.view_vector(eye, viewup=up)
+    plotter.renderer.ResetCameraScreenSpace(_FILLED)
+    plotter.camera.SetWindowCenter(_LEFT, 0)
 
 
-def view_axes(towards: FloatArray, up: FloatArray) -> FloatArray:
-    """Unit vectors, the rows of (3, 3), to the right, upward and to the eye, with a direction (3,) upward.  Local."""
-    right = np.cross(up, towards)
-    axes = np.stack([right, np.cross(towards, right), towards])
-    return axes / np.linalg.norm(axes, axis=1)[:, None]
+def look_at(plotter: Any, centre: FloatArray, half_height: float) -> None:
+    """Magnify: move the camera to a point (3,) [m], with half the height of the picture [m].  Local.
 
-
-def leave_strip(plotter: "Plotter", share: float = 0.22) -> None:
-    """Leave a share of the picture's width at the right to legends: all is moved to the left, and cut off there.
-
-    Local.  For the present camera and parallel projection.
+    Bodies are cut off where legends begin at the right.
     """
     from vtkmodules.vtkCommonDataModel import vtkPlane
 
-    camera, (width, height) = plotter.camera, picture_size(plotter)
-    focus, eye = np.array(camera.focal_point), np.array(camera.position)
-    right = view_axes(eye - focus, np.array(camera.up))[0] * camera.parallel_scale * width / height
-    camera.focal_point, camera.position = focus + share * right, eye + share * right
+    camera, renderer = plotter.camera, plotter.renderer
+    towards = np.array(camera.position) - camera.focal_point
+    camera.position, camera.focal_point, camera.parallel_scale = centre + towards, centre, half_height
+    right = np.cross(camera.up, towards)
     plane = vtkPlane()
-    plane.SetOrigin(focus + (1 - share) * right)
     plane.SetNormal(-right)
-    for actor in plotter.renderer.actors.values():
+    plane.SetOrigin(centre + _SHOWN * half_height * renderer.GetTiledAspectRatio() * right / np.linalg.norm(right))
+    for actor in renderer.actors.values():
         if actor.IsA("vtkActor"):  # legends are vtkActor2D
-            actor.GetMapper().AddClippingPlane(plane)
-
-
-def add_length(plotter: "Plotter", units: Units = None) -> None:
-    """Add a scale bar in the lower left corner, for the present camera and parallel projection.  Local."""
-    camera, (width, height) = plotter.camera, picture_size(plotter)
-    scale, focus = camera.parallel_scale, np.array(camera.focal_point)
-    towards = np.array(camera.position) - focus
-    right, up, _ = view_axes(towards, np.array(camera.up))
-    power = 10.0 ** np.floor(np.log10(0.4 * scale))
-    length = max(digit for digit in (1, 2, 5) if digit * power <= 0.4 * scale) * power
-    start = focus + towards / 2 - 0.92 * scale * (width / height * right + up)  # before all bodies
-    plotter.add_lines(np.array([start, start + length * right]), color="black", width=4)
-    text = {"shape": "rect", "shape_color": "white", "shape_opacity": 0.7, "text_color": "black", "font_size": 18}
-    above = start + 0.03 * scale * up
-    label = f"{length:g} {unit_of('length', units)}".rstrip()
-    plotter.add_point_labels(above[None], [label], show_points=False, always_visible=True, **text)
+            actor.mapper.AddClippingPlane(plane)
     plotter.reset_camera_clipping_range()
 
 
-def bar(height: float, **more: Any) -> dict[str, Any]:
-    """`scalar_bar_args` of a vertical bar at the right, of a height relative to the picture's.  Local."""
-    place = {"position_x": 0.85, "position_y": 0.5 - height / 2, "width": 0.13, "height": height}
-    text = {"title": "", "color": "black", "n_labels": 3, "fmt": "%.3g", "label_font_size": 18}
-    return {"vertical": True, "background_color": "white", **place, **text} | more
+def add_legend(plotter: Any, text: str, units: Units = None) -> None:
+    """Write text into the upper right corner, and add a scale bar in the lower left one, for the camera as it is.
 
+    Local.
+    """
 
-def add_note(plotter: "Plotter", text: str) -> None:
-    """Write text into the upper right corner, black on white.  Local."""
-    size = max(9, int(picture_size(plotter)[1] / 64))
+    def at(x: float, y: float) -> FloatArray:
+        """Point of a place in the picture, from -1 to 1, before all bodies."""
+        plotter.renderer.SetViewPoint(x, y, 0.0)
+        plotter.renderer.ViewToWorld()
+        return np.array(plotter.renderer.GetWorldPoint()[:3])
+
+    start, way = at(-0.95, -0.9), at(0.95, -0.9) - at(-0.95, -0.9)
+    most = 0.2 * float(np.linalg.norm(way))
+    power = 10.0 ** np.floor(np.log10(most))
+    length = max(digit for digit in (1, 2, 5) if digit * power <= most) * power
+    plotter.add_lines(np.array([start, start + 0.2 * length / most * way]), color="black", width=4)
+    label = f"{length:g} {unit_of('length', units)}".rstrip()
+    look = {"shape": "rect", "shape_color": "white", "shape_opacity": 0.7, "text_color": "black", "font_size": 18}
+    plotter.add_point_labels(at(-0.95, -0.87)[None], [label], show_points=False, always_visible=True, **look)
+    plotter.reset_camera_clipping_range()
+    size = max(9, plotter.window_size[1] // 64)
     note = plotter.add_text(text, position="upper_right", font_size=size, color="black")
     note.prop.background_color, note.prop.background_opacity = "white", 0.8
 
 
-def exceeded(surface: "PolyData", name: str, share: float) -> float:
-    """Value that point data of a name exceed on a share of a surface's area.  Local."""
+def bar(**more: Any) -> dict[str, Any]:
+    """`scalar_bar_args` of a vertical bar at the right.  Local."""
+    place = {"position_x": 0.85, "position_y": 0.25, "width": 0.08, "height": 0.5, "vertical": True}
+    return place | {"title": "", "color": "black", "n_labels": 3, "fmt": "%.3g", "label_font_size": 20} | more
+
+
+def exceeded(surface: Any, share: float) -> float:
+    """Value that the point data "value" exceed on a share of a surface's area.  Local."""
     cells = surface.point_data_to_cell_data().compute_cell_sizes(length=False, volume=False)
-    return float(np.quantile(cells[name], 1 - share, weights=cells["Area"], method="inverted_cdf"))
+    return float(np.quantile(cells["value"], 1 - share, weights=cells["Area"], method="inverted_cdf"))
 
 
 @contextmanager
