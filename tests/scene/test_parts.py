@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
+from dolfinx_meshes import of_dolfinx, tagged
 from mpi4py import MPI
-from test_dolfinx_mesh import of_dolfinx, tagged
 
 from fx_contact import (
     BodyForce,
