@@ -1,5 +1,6 @@
-"""Root meshes as distributed dolfinx meshes with tags, for tests."""
+"""Root meshes as meshes of dolfinx with tags."""
 
+import basix
 import basix.ufl
 import numpy as np
 from basix import CellType, LagrangeVariant

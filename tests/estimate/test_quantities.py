@@ -293,13 +293,17 @@ def test_the_mean_of_large_pressures_is_a_functional_of_the_forces(degree):
 
 
 def test_the_largest_pressure_is_refined_for():
-    """Hertz: with the energy met it is 26 % off; asked for to 3 %, it is right to that."""
-    known, goal = REFERENCES["hertz-a"](), MaxPressure(POLES, 0.03)
-    steps = [step.record for step in adapt(hertz(order=6, coarse=2), 0.3, goals=(goal,))]
-    first, *_, last = (record for record in steps if record.estimate < 0.3)
-    off = abs(last.max_pressure / known.max_pressure - 1)
-    assert abs(first.max_pressure / known.max_pressure - 1) > 0.2 and not first.reached
-    assert last.reached and off * last.max_pressure < last.goals[0].error <= 0.03 * last.max_pressure
+    """Hertz: where the energy is met it is off by several times what is asked for; then it is right to that.
+
+    The energy of bodies is met on cells as large as half of the contact, on which the pressure is at few nodes.
+    """
+    known, goal = REFERENCES["hertz-a"]().max_pressure, MaxPressure(POLES, 0.03)
+    steps = [step.record for step in adapt(hertz(order=6, coarse=2), 0.5, goals=(goal,))]
+    first, *_, last = estimated = [record for record in steps if record.goals[0].error is not None]
+    off = [abs(record.max_pressure - known) for record in estimated]
+    assert first.estimate < 0.5 and off[0] > 3 * goal.tolerance * known and not first.reached
+    assert last.reached and off[-1] < last.goals[0].error <= goal.tolerance * last.max_pressure
+    assert all(error < record.goals[0].error for error, record in zip(off, estimated))
 
 
 def test_displacement_of_a_half_space():

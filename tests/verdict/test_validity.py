@@ -26,10 +26,7 @@ from fx_contact import (
     adapt,
 )
 from fx_contact import block as brick
-from fx_contact import (
-    root_mesh_from_shapes,
-    solve,
-)
+from fx_contact import root_mesh_from_shapes, solve
 from fx_contact.estimate.goal_errors import GoalRecord
 from fx_contact.fem.cell_strain import cell_strains
 from fx_contact.results.report import model_warnings
