@@ -20,7 +20,7 @@ from math import log
 from pathlib import Path
 from string import Formatter
 
-from studies.partition.tables import KERNELS, MODEL, PARTITION, PARTNERS, claims, in_milliseconds
+from studies.partition.tables import KERNELS, MODEL, PARTITION, claims, in_milliseconds
 from studies.stability.figures import named
 
 TOP = Path(__file__).parents[1]
@@ -357,17 +357,10 @@ TABLES = {name: partial(markdown, columns=columns) for name, columns in COLUMNS.
     "studies/cost/flat.csv": lambda rows: markdown(
         [row for row in rows if row["nu"] < 0.499 and row["aspect"] != "1:2"], FLAT
     ),
-    **{
-        f"studies/partition/{name}{degree}.csv{choice}": make
-        for degree in ("", "_degree2")
-        for name, choice, make in (
-            ("table", "", partial(markdown, columns=PARTITION)),
-            ("table", "#partners", partial(markdown, columns=PARTNERS)),
-            ("model", "", lambda rows: markdown(in_milliseconds(rows), MODEL)),
-            ("model", "#claims", lambda rows: plain(claims(rows))),
-            ("kernels", "", partial(markdown, columns=KERNELS)),
-        )
-    },
+    "studies/partition/table.csv": partial(markdown, columns=PARTITION),
+    "studies/partition/model.csv": lambda rows: markdown(in_milliseconds(rows), MODEL),
+    "studies/partition/model.csv#claims": lambda rows: plain(claims(rows)),
+    "studies/partition/kernels.csv": partial(markdown, columns=KERNELS),
     "studies/stability/scores.csv": named,
     "studies/effectivity/first_mesh.csv": lambda rows: markdown(lowest(rows), FIRST_MESH),
     "studies/cost/leaf_springs.csv": lambda rows: plain(list(by_cells(rows))),

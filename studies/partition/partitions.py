@@ -1,4 +1,4 @@
-"""The partitions of a forest that the study scores, each made as in a run, after those of the forests before."""
+"""The partitions of a forest that the study scores, each made as in a run."""
 
 import numpy as np
 from mpi4py import MPI
@@ -14,30 +14,11 @@ from studies.partition.assignment import assign
 REPEATED, REPEATS = 64, 5
 
 
-class Summing(MPI.Intracomm):
-    """A communicator that notes of how many numbers the sums over its ranks are."""
-
-    __module__ = MPI.Intracomm.__module__  # others take communicators of mpi4py by the name of their module
-    noted = []
-
-    def Allreduce(self, there, here, *how, **named):  # noqa: N802
-        """As MPI's, and note."""
-        Summing.noted.append(len(here))
-        return super().Allreduce(there, here, *how, **named)
-
-
-def in_curve_order(forest):
-    """The forest with its leaves in the order that a repartition gives them."""
-    return forest.ordered(np.argsort(curve_keys(forest), kind="stable"))
-
-
-def history(make, tolerance, degree):
-    """Forests of a run on one rank, then the last with every leaf refined as often as the degree, in curve order."""
-    forests = [step.forest for step in adapt(make(), tolerance, MPI.COMM_SELF, degree=degree)]
-    for _ in range(degree):
-        finest, _ = forests[-1].refined(np.ones(len(forests[-1]), dtype=bool))
-        forests.append(in_curve_order(finest))
-    return forests
+def history(make, tolerance):
+    """Forests of a run of degree 1 on one rank, then the last with every leaf refined, in the order of the curve."""
+    forests = [step.forest for step in adapt(make(), tolerance, MPI.COMM_SELF, degree=1)]
+    finest, _ = forests[-1].refined(np.ones(len(forests[-1]), dtype=bool))
+    return [*forests, finest.ordered(np.argsort(curve_keys(finest), kind="stable"))]
 
 
 def parents(coarse, fine):
@@ -70,21 +51,6 @@ def dealt_out_again(forests, lineage, parts):
     return home
 
 
-def before(forests, lineage, parts, kind):
-    """The part on which each leaf is before, by the partition of the forest before; None if it has too few leaves."""
-    if len(forests) == 1:
-        return None
-    if kind == "equidistributed":
-        part = dealt_out_again(forests[:-1], lineage, parts)
-    else:
-        try:
-            units, part = assign(forests[-2], parts, kind)
-        except PartitionError:
-            return None
-        part = part[units.of_leaf]
-    return None if part is None else part[lineage[len(forests) - 1]]
-
-
 def partitions(forests, lineage, parts, pieces):
     """All partitions into a number of parts.
 
@@ -96,31 +62,19 @@ def partitions(forests, lineage, parts, pieces):
     Yields:
         kind: a key of `KINDS`.
         part: (n,) int, part of each leaf.
-        cuts: (parts - 1,) int64, of the curve; None if it has none.
-        rows: list of (k,) and (k,) int, the parts between which rows go meanwhile, other than by keys.
-        sums: dict, how often numbers are summed over the ranks meanwhile, and how many these are in all.
     """
-    for units in (pieces[True].graph, *pieces.values()):
-        units.comm = Summing(units.comm)
     for kind, about in KINDS.items():
-        units, cuts, rows = pieces[about.pairs], None, []
-        present = before(forests, lineage, parts, kind)
-        Summing.noted.clear()
+        units = pieces[about.pairs]
         if kind == "equidistributed":
-            part = dealt_out_again(forests, lineage, parts)
+            yield kind, dealt_out_again(forests, lineage, parts)
+        elif kind == "graph":
+            curve, _ = along_curve(units, parts, None)
+            yield kind, _graph(units, parts, curve)
         else:
-            curve, cuts = along_curve(units, parts, None)
-            part = curve[units.of_leaf]
-        if present is not None:
-            rows.append((present, part))
-        if kind == "graph":
-            part = by_graph(units, parts, curve)[0][units.of_leaf]
-            rows += [(curve[units.graph.rows], curve[units.graph.matrix.indices]), (curve[units.of_leaf], part)]
-        yield kind, part, cuts, rows, {"reductions": len(Summing.noted), "summed": sum(Summing.noted)}
+            yield kind, along_curve(units, parts, None)[0][units.of_leaf]
 
 
-def of_middle_cut(units, parts, first):
-    """The partition of the median cut among the first, of PT-SCOTCH, and more runs of it: part of each leaf."""
-    found = [first, *(by_graph(units, parts, None)[0][units.of_leaf] for _ in range(REPEATS - 1))]
-    representative = np.unique(units.of_leaf, return_index=True)[1]
-    return found[np.argsort([units.graph.cut(part[representative]) for part in found])[REPEATS // 2]]
+def _graph(units, parts, curve):
+    """A partition by PT-SCOTCH; the one of the median cut where runs differ most."""
+    found = [by_graph(units, parts, curve)[0] for _ in range(REPEATS if parts <= REPEATED else 1)]
+    return found[np.argsort([units.graph.cut(part) for part in found])[len(found) // 2]][units.of_leaf]

@@ -1,15 +1,12 @@
 """Scores the four kinds of partition for 2 to 8192 parts, and predicts the strong scaling of an adaptive step.
 
-The forests are those of adaptive runs of both benchmarks, every leaf refined once more, at degree 2 twice: over a
-million leaves at degree 1. Each rank scores one benchmark by itself, so two ranks halve the time. A million leaves at
-degree 2 take 10 GB a rank, so that the pages show what --quick gives there:
+The forests are those of adaptive runs of both benchmarks at degree 1, every leaf refined once more.  Each rank scores
+one benchmark by itself, so two ranks halve the time:
 
-    mpirun -n 2 python3 -m studies.partition.run --quick
-    mpirun -n 2 python3 -m studies.partition.run
-    mpirun -n 2 python3 -m studies.partition.run --degree 2 --quick
+    mpirun -n 2 python3 -m studies.partition.run            # some 100,000 leaves: two minutes
+    mpirun -n 2 python3 -m studies.partition.run --large    # over a million: 20 minutes
 
-It leaves in results/partition table.csv, model.csv, kernels.csv (at degree 2 table_degree2.csv and so on), quality.csv
-and pictures.
+It leaves in results/partition table.csv, model.csv, kernels.csv, quality.csv and pictures.
 """
 
 import argparse
@@ -22,32 +19,28 @@ from mpi4py import MPI
 from demos.common import RankZeroParser, plain_errors
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.forest.leaf_graph import create_leaf_graph
 from fx_contact.forest.partition import KINDS, Units
 from fx_contact.parallel.errors import OutputError, PartitionError
-from fx_contact.parallel.exchange import FEW_RANKS
 from fx_contact.parallel.mpi import together
 from fx_contact.plot.bodies import add_numbers
 from fx_contact.plot.canvas import add_legend, look_at, plotter_for
 from fx_contact.plot.surfaces import face_points, visible_faces
 from fx_contact.scenes import hertz, indentation
 from studies import tables
+from studies.partition.cluster_model import TIMES, measure, predict
 from studies.partition.figures import draw_cuts, side_by_side
 from studies.partition.measures import Judge
-from studies.partition.partitions import REPEATED, history, of_middle_cut, parents, partitions
-from studies.partition.partners import Exchanges
-from studies.partition.scaling_kernels import TIMES, counted, measure
-from studies.partition.scaling_model import predict
+from studies.partition.partitions import history, parents, partitions
 from studies.partition.tables import model, table
 
-#: Benchmarks: how to make the scene on one rank, the tolerances of the run and of the quick one at degree 1 and 2,
-#: unknowns in the paper, half width of the picture [m].
+#: Benchmarks: how to make the scene on one rank, the tolerances of the run and of the large one, unknowns in the paper,
+#: half width of the picture [m].
 BENCHMARKS = {
-    "hertz": (partial(hertz, comm=MPI.COMM_SELF), {1: (0.035, 0.07), 2: (0.004, 0.01)}, 18.3e6, 0.25),
-    "indentation": (indentation, {1: (0.051, 0.1), 2: (0.03, 0.06)}, 295.9e6, 1.0),
+    "hertz": (partial(hertz, comm=MPI.COMM_SELF), (0.07, 0.035), 18.3e6, 0.25),
+    "indentation": (indentation, (0.1, 0.051), 295.9e6, 1.0),
 }
-#: Tolerances of the runs in which the kernels are measured, and of those of --quick, at degree 1 and 2.
-TOLERANCES = {1: (0.05, 0.12), 2: (0.01, 0.05)}
+#: Tolerance of the runs in which the kernels are measured.
+TOLERANCE = 0.05
 COMM = MPI.COMM_WORLD
 
 
@@ -58,7 +51,7 @@ def draw_in_32(name, forests, lineage, folder):
     forest, pictures, centre = forests[chosen], {}, np.array(make().contact_centre or (0.0, 0.0, 0.0))
     pieces = {pairs: Units(forest, pairs) for pairs in (True, False)}
     judge = Judge(forest, Prolongation(Space(forest, 1)))
-    for kind, part, *_ in partitions(forests[: chosen + 1], lineage, 32, pieces):
+    for kind, part in partitions(forests[: chosen + 1], lineage, 32, pieces):
         found, path = judge.score(part, 32), folder / f"{name}_{kind}_32.png"
         pictures["{}: {cut_facets:,} cut facets, {split_pairs:,} split pairs".format(kind, **found)] = path
         leaf, face = visible_faces(forest, centre, reach)
@@ -70,10 +63,10 @@ def draw_in_32(name, forests, lineage, folder):
     side_by_side(pictures, f"{name}, {len(forest):,} leaves in 32 parts", folder / f"{name}_32.png")
 
 
-def scored(name, degree, quick, most, folder):
+def scored(name, large, most, folder):
     """Rows of one benchmark: all measures of all partitions.  Local."""
     make, tolerances, _, _ = BENCHMARKS[name]
-    forests = history(make, tolerances[degree][quick], degree)
+    forests = history(make, tolerances[large])
     lineage = [None, *(parents(a, b) for a, b in zip(forests, forests[1:]))]
     draw_in_32(name, forests, lineage, folder)
 
@@ -83,17 +76,13 @@ def scored(name, degree, quick, most, folder):
             f"--parts {most} is too much for the {len(forest):,} leaves of {name}: at most half of them"
         )
     pieces = {pairs: Units(forest, pairs) for pairs in (True, False)}
-    prolongation = Prolongation(Space(forest, degree))
-    judge, exchanges = Judge(forest, prolongation), Exchanges(forest, prolongation, create_leaf_graph(forest))
+    prolongation = Prolongation(Space(forest, 1))
+    judge = Judge(forest, prolongation)
     about = {"benchmark": name, "leaves": len(forest), "dofs": 3 * prolongation.index_map.size_global}
     rows = []
     for parts in 2 ** np.arange(1, int(np.log2(most)) + 1):
-        parts = int(parts)
-        for kind, part, cuts, others, sums in partitions(forests, lineage, parts, pieces):
-            if kind == "graph" and parts <= REPEATED:
-                part = of_middle_cut(pieces[KINDS[kind].pairs], parts, part)
-            partners = exchanges.count(parts, part, None if parts <= FEW_RANKS else cuts, others)  # as in a run
-            rows.append(about | {"kind": kind, "parts": parts, **judge.score(part, parts), **partners, **sums})
+        for kind, part in partitions(forests, lineage, int(parts), pieces):
+            rows.append(about | {"kind": kind, "parts": int(parts), **judge.score(part, int(parts))})
         cuts = ", ".join(f"{row['kind']} {row['cut_facets']:,}" for row in rows[-len(KINDS) :])
         print(f"{name}, {len(forest):,} leaves in {parts} parts, cut facets: {cuts}", flush=True)
     return rows
@@ -102,8 +91,7 @@ def scored(name, degree, quick, most, folder):
 def main():
     """Parse and run."""
     options = RankZeroParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--quick", action="store_true", help="forests of some 100,000 leaves: two minutes")
-    options.add_argument("--degree", type=int, choices=(1, 2), default=1, help="of the displacements (%(default)s)")
+    options.add_argument("--large", action="store_true", help="forests of over a million leaves: 20 minutes")
     options.add_argument("--parts", type=int, default=8192, help="most parts, 32 or more (%(default)s)")
     options.add_argument("--output", type=Path, default=Path("results/partition"), help="folder (%(default)s)")
     arguments = options.parse_args()
@@ -128,37 +116,32 @@ def folder_for(path):
 
 def study(arguments):
     """Score, measure, predict; all is written as soon as it is known.  Collective."""
-    folder, degree, quick = folder_for(arguments.output), arguments.degree, arguments.quick
+    folder, large = folder_for(arguments.output), arguments.large
     with together(COMM):
         mine = {
-            name: scored(name, degree, quick, arguments.parts, folder)
-            for name in list(BENCHMARKS)[COMM.rank :: COMM.size]
+            name: scored(name, large, arguments.parts, folder) for name in list(BENCHMARKS)[COMM.rank :: COMM.size]
         }
     found = {name: rows for part in COMM.allgather(mine) for name, rows in part.items()}
+    if COMM.rank:
+        return
     rows = [row for name in BENCHMARKS for row in found[name]]
-    made_by = f"mpirun -n {COMM.size} python3 -m studies.partition.run --parts {arguments.parts}"
-    made_by += f" --degree {degree}" * (degree > 1) + " --quick" * quick
+    made_by = f"mpirun -n {COMM.size} python3 -m studies.partition.run" + " --large" * large
 
     def keep(name, rows):
-        """Write rows to NAME.csv, at degree 2 NAME_degree2.csv, and show them as the page does."""
-        path = folder / f"{name}{'_degree2' * (degree > 1)}.csv"
-        tables.write(path, rows, made_by)
-        print(tables.TABLES[f"studies/partition/{path.name}"](rows), flush=True)
+        """Write rows to NAME.csv, and show them as the page does."""
+        tables.write(folder / f"{name}.csv", rows, made_by)
+        print(tables.TABLES[f"studies/partition/{name}.csv"](rows), flush=True)
 
-    if COMM.rank == 0:
-        tables.write(folder / "quality.csv", rows, made_by)
-        keep("table", list(table(rows)))
-        draw_cuts(list(table(rows)), folder / "cut.png")
-    tolerance = TOLERANCES[degree][quick]
-    counts = counted(COMM, tolerance, degree)
-    if COMM.rank == 0:
-        kernels = measure(tolerance, degree) | counts
-        keep("kernels", [{name: 1e6 * kernels[name] for name in TIMES}])
-        dofs = {name: BENCHMARKS[name][2] for name in BENCHMARKS}  # at the size that the paper's meshes have
-        keys = {(row["benchmark"], row["parts"], row["kind"]): row for row in rows if row["parts"] >= 32}
-        predicted = {key: predict(row, dofs[key[0]], kernels) for key, row in keys.items()}
-        keep("model", list(model(predicted, dofs)))
-        print(f"results in {folder}")
+    tables.write(folder / "quality.csv", rows, made_by)
+    keep("table", list(table(rows)))
+    draw_cuts(list(table(rows)), folder / "cut.png")
+    kernels = measure(TOLERANCE)
+    keep("kernels", [{name: 1e6 * kernels[name] for name in TIMES}])
+    dofs = {name: BENCHMARKS[name][2] for name in BENCHMARKS}  # at the size that the paper's meshes have
+    keys = {(row["benchmark"], row["parts"], row["kind"]): row for row in rows if row["parts"] >= 32}
+    predicted = {key: predict(row, dofs[key[0]], kernels) for key, row in keys.items()}
+    keep("model", list(model(predicted, dofs)))
+    print(f"results in {folder}")
 
 
 if __name__ == "__main__":

@@ -19,15 +19,6 @@ PARTITION = {
     "imbalance, graph": "{imbalance_graph:.3f}",
     "imbalance, equidistributed": "{imbalance_equidistributed:.3f}",
 }
-PARTNERS = {
-    "benchmark": "{benchmark}",
-    "parts": "{parts:d}",
-    **{
-        kind: f"{{partners_max_{kind}:d}} ({{partners_mean_{kind}:.1f}})"
-        for kind in ("contact-sfc", "sfc", "graph", "equidistributed")
-    },
-    "reductions": "{reductions:d} ({summed:.1f} P)",
-}
 MODEL = {
     "benchmark": "{benchmark}",
     "processors": "{parts:d}",
@@ -60,7 +51,7 @@ def model(predictions, dofs):
 
 
 def table(rows):
-    """The short table of `quality.csv`: cuts over those of PT-SCOTCH, split pairs, imbalance, partners, sums.
+    """The short table of `quality.csv`: cuts over those of PT-SCOTCH, split pairs, imbalance.
 
     Yields:
         dict for each benchmark and number of parts.
@@ -74,11 +65,9 @@ def table(rows):
             for other in ("contact-sfc", *OTHERS):
                 here = found[scene, parts, other]
                 result[f"cut_{other}"] = here["cut_facets"] / best
-                for measure in ("imbalance", "partners_max", "partners_mean"):
-                    result[f"{measure}_{other}"] = here[measure]
+                result[f"imbalance_{other}"] = here["imbalance"]
             result["split_pairs_sfc"] = found[scene, parts, "sfc"]["split_pairs"]
-            # Numbers for each of the cuts.
-            yield result | {"reductions": ours["reductions"], "summed": ours["summed"] / (parts - 1)}
+            yield result
 
 
 def claims(rows):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere
+from conftest import WORLD
 from model_problems import (
     corner_scene,
     find_leaves,
@@ -15,19 +15,14 @@ from model_problems import (
     two_boxes,
     whole,
 )
-from mpi4py import MPI
 
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
-from fx_contact.forest.homes import Homes
-from fx_contact.forest.leaf_graph import create_leaf_graph
-from fx_contact.forest.partition import KINDS, Units, along_curve, repartition
+from fx_contact.forest.partition import KINDS, repartition
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.geometry.hexahedron import FACE_CORNERS
 from fx_contact.geometry.lattice import SIDE, face_centres
-from fx_contact.parallel import exchange
 from studies.partition.measures import BYTES, Judge
-from studies.partition.partners import Exchanges, _incidence
 
 
 def random_parts(forest, parts, salt=5):
@@ -73,59 +68,6 @@ def test_quality_of_the_ranks(degree):
         names = "imbalance", "cut_facets", "split_pairs"
         assert [getattr(short, name) for name in names] == [found[name] for name in names]
         assert (found["cut_facets"] > 0) == (WORLD.size > 1)
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-def test_partners_by_definition(degree):
-    """Partners by keys are what sets of keys, leaf by leaf, say; of hashed homes all parts are."""
-    forest = grown(roots(corner_scene(), MPI.COMM_SELF), 3, share=0.2)
-    parts, prolongation = 40, Prolongation(Space(forest, degree))
-    exchanges = Exchanges(forest, prolongation, create_leaf_graph(forest))
-    units = Units(forest, True)
-    part, cuts = along_curve(units, parts, None)
-    part = part[units.of_leaf]
-    homes = Homes(forest.mesh, forest.lattice, forest.pairing, cuts, parts)
-    found = {name: partners_by_search(part, *rows, homes.of_points) for name, rows in exchanges._points.items()}
-    found |= {name: partners_by_search(part, *rows, homes.of_leaves) for name, rows in exchanges._leaves.items()}
-    graph = create_leaf_graph(forest)
-    found["graph"] = set(zip(part[graph.rows].tolist(), part[graph.matrix.indices].tolist()))
-    degrees = {}
-    for name, pairs in found.items():
-        both = {(a, b) for one, other in pairs for a, b in ((one, other), (other, one)) if a != b}
-        degrees[name] = np.bincount([a for a, _ in both], minlength=parts)
-    near = exchanges.count(parts, part, cuts, [])
-    assert near["partners_max"] == max(number.max() for number in degrees.values()) < parts - 1
-    assert near["partners_mean"] in [number.mean() for number in degrees.values()]
-    strewn = exchanges.count(parts, part, None, [(part, np.zeros_like(part))])
-    assert strewn["partners_max"] == parts - 1
-    moved = np.zeros(parts)
-    for name in ("nodes", "edges", "faces"):
-        leaf, index, keys = exchanges._points[name]
-        home = homes.of_points(keys)
-        for one, key in set(zip(part[leaf].tolist(), index.tolist())):
-            moved[[one, home[key]]] += 8 * (home[key] != one)
-    assert near["key_bytes_max"] == moved.max() < strewn["key_bytes_max"]
-
-
-def partners_by_search(part, leaf, index, keys, home):
-    """Parts between which rows go."""
-    return set(zip(part[leaf].tolist(), home(keys)[index].tolist()))
-
-
-@pytest.mark.skipif(WORLD.size == 1, reason="no other rank")
-def test_partners_of_the_ranks(monkeypatch):
-    """The ranks have the partners that are counted for them as parts."""
-    monkeypatch.setattr(exchange, "FEW_RANKS", 0)
-    forest, _ = repartition(grown(roots(pressed(two_boxes(margin=1))), 3), None)
-    keys = forest.vertices.keys
-    partners = exchange.Exchange(WORLD, forest.homes.of_points(keys)).partners
-    serial, part = whole(forest), gathered(WORLD, np.full(len(forest), WORLD.rank))
-    rows = _incidence(serial.vertices.cells, serial.vertices.keys)
-    pairs = partners_by_search(
-        part, *rows, Homes(serial.mesh, serial.lattice, serial.pairing, forest.cuts, WORLD.size).of_points
-    )
-    others = {a + b - WORLD.rank for a, b in pairs if a != b and WORLD.rank in (a, b)}
-    everywhere(set(partners.tolist()) == others, "other partners than counted")
 
 
 def by_search(forest):
