@@ -21,7 +21,7 @@ _SLOW = 1.0
 _KEPT = (
     "README.md",
     "demos/hertz.py0]",
-    "test_checkpoint.py::test_goes_on_as_if_not_stopped[1-1-1]",
+    "test_checkpoint.py::test_goes_on_as_if_not_stopped[1]",
     "test_contact_edge.py::test_integral_at_the_edge",
     "test_interior_point.py::test_same_solution_as_updates[degree 1]",
     "test_load_path.py::test_restart_in_the_middle",
@@ -37,6 +37,7 @@ def pytest_addoption(parser):
     parser.addoption("--kills", type=int, default=2, help="times that a run is killed and restarted (default 2)")
     parser.addoption("--as-printed", action="store_true", help="run what the pages print to the letter, for hours")
     parser.addoption("--quick", action="store_true", help="leave out the tests of slow.txt")
+    parser.addoption("--tenth", metavar="WORD", help="a tenth of the tests of slow.txt alone, drawn by this word")
     parser.addoption("--note", metavar="FILE", help="append the names of tests of more than a second to a file")
     parser.addoption("--limit", type=float, default=120.0, help="seconds of a test, five times as many of a slow one")
     parser.addoption("--spread", metavar="RANKS", default="", help="numbers of ranks of which one runs each test")
@@ -49,26 +50,53 @@ def pytest_configure(config):
     config.addinivalue_line("markers", "ranks(*numbers): with --spread it runs on these numbers of ranks")
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Leave out what the options say.
+    """Leave out what the options say, after a check of slow.txt.
 
     With --spread a test runs on the ranks of its mark, if it skips some on those that it does not, else on one number
-    by its name, a slow one on the first.
+    by its name, a slow one on the first; one of `model_problems.lopsided` leaves on the last, it is none on one rank.
     """
-    spread = [int(number) for number in config.getoption("--spread").split()]
+    check_names(config.args, {item.nodeid for item in items})
+    spread, word = [int(number) for number in config.getoption("--spread").split()], config.getoption("--tenth")
 
     def left_out(item):
         slow, mark = item.nodeid in SLOW, item.get_closest_marker("ranks")
-        if slow and config.getoption("--quick"):
+        if slow and config.getoption("--quick") or word and not (slow and _crc(f"{word} {item.nodeid}") % 10 == 0):
             return True
         if not spread or (mark is None and item.get_closest_marker("skipif")):
             return False
-        one = spread[0 if slow else zlib.crc32(item.nodeid.encode()) % len(spread)]
+        one = spread[0 if slow else _crc(item.nodeid) % len(spread)]
+        if "lopsided" in item.name:
+            one = spread[-1]
         return WORLD.size not in (mark.args if mark else [one])
 
     left = [left_out(item) for item in items]
     config.hook.pytest_deselected(items=[item for item, out in zip(items, left) if out])
     items[:] = [item for item, out in zip(items, left) if not out]
+
+
+def _crc(text):
+    return zlib.crc32(text.encode())
+
+
+def check_names(arguments, collected):
+    """Raise UsageError: slow.txt names what is no test of a file that is collected as a whole, or no file.
+
+    On two ranks, where each test is that is on any number of them.
+    """
+    top, whole = Path(__file__).parents[1], {name.partition("::")[0] for name in collected}
+    whole -= {file for file in whole if any(f"{file}::" in argument for argument in arguments)}
+    whole |= {file for file in {name.partition("::")[0] for name in SLOW} if not (top / file).exists()}
+    stale = sorted(name for name in SLOW - collected if name.partition("::")[0] in whole)
+    if WORLD.size == 2 and stale:
+        raise pytest.UsageError("\n".join(["tests/slow.txt names what is no test:", *stale]))
+
+
+def pytest_sessionfinish(session, exitstatus):
+    """A word that draws no test is in order."""
+    if session.config.getoption("--tenth") and exitstatus == pytest.ExitCode.NO_TESTS_COLLECTED:
+        session.exitstatus = pytest.ExitCode.OK
 
 
 # ---------------------------------------------------------------------------------------- ranks pass and fail together

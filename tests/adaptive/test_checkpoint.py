@@ -11,7 +11,6 @@ import time
 import zipfile
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from uuid import uuid4
 
@@ -46,14 +45,6 @@ def scene():
     return hertz(order=2, coarse=2)
 
 
-@cache
-def uninterrupted(scene, degree):
-    """A run that nothing stops: the leaves and the force of each step."""
-    result = [summary(step) for step in adapt(scene, 0.25, degree=degree)]
-    assert len(result) >= 3 and len(result[-1][0]) > 2 * len(result[0][0])
-    return result
-
-
 def summary(step):
     return leaves(step.forest), step.record.force
 
@@ -72,31 +63,32 @@ def by_leaf(forest, *columns):
     return [np.concatenate(WORLD.allgather(c))[np.argsort(code)] for c in columns]
 
 
-@pytest.mark.parametrize(
-    "writers, readers",
-    [(WORLD.size, n) for n in range(1, WORLD.size)] + [(n, WORLD.size) for n in range(1, WORLD.size)] or [(1, 1)],
-)
+@pytest.mark.ranks(2, 3)
 @pytest.mark.parametrize("degree", [1, 2])
-def test_goes_on_as_if_not_stopped(scene, folder, writers, readers, degree):
+def test_goes_on_as_if_not_stopped(scene, folder, degree):
     """The steps after a restart have the leaves and the forces, to 1e-7, of a run that nothing stopped."""
-    through = uninterrupted(scene, degree)
-    with some(writers) as comm:
-        if comm:
-            *_, stopped = adapt(scene, 0.25, comm, degree=degree, max_steps=2, checkpoint=folder)
-            assert stopped.record.step == 1
-    with some(readers) as comm:
-        if comm:
-            before = Checkpoint(folder, scene, comm)
-            assert [r.step for r in before.records] == [0, 1] and before.records[0].ranks == writers
-            after = [
-                (step.record.step, summary(step))
-                for step in adapt(scene, 0.25, comm, degree=degree, checkpoint=folder, restart=before)
-            ]
-            assert [number for number, _ in after] == list(range(2, len(through)))
-            for number, (cells, force) in after:
-                assert np.array_equal(cells, through[number][0]), f"step {number} has other leaves"
-                assert abs(force / through[number][1] - 1) < 1e-7, f"step {number} has another force"
-            assert len(Checkpoint(folder, scene, comm).records) == len(through)
+    through = [summary(step) for step in adapt(scene, 0.25, degree=degree)]
+    assert len(through) >= 3 and len(through[-1][0]) > 2 * len(through[0][0])
+    fewer = range(1, WORLD.size)
+    for writers, readers in [(WORLD.size, n) for n in fewer] + [(n, WORLD.size) for n in fewer] or [(1, 1)]:
+        file, ranks = folder / f"{writers}-{readers}", f"from {writers} to {readers} ranks"
+        with some(writers) as comm:
+            if comm:
+                *_, stopped = adapt(scene, 0.25, comm, degree=degree, max_steps=2, checkpoint=file)
+                assert stopped.record.step == 1
+        with some(readers) as comm:
+            if comm:
+                before = Checkpoint(file, scene, comm)
+                assert [r.step for r in before.records] == [0, 1] and before.records[0].ranks == writers
+                after = [
+                    (step.record.step, summary(step))
+                    for step in adapt(scene, 0.25, comm, degree=degree, checkpoint=file, restart=before)
+                ]
+                assert [number for number, _ in after] == list(range(2, len(through))), ranks
+                for number, (cells, force) in after:
+                    assert np.array_equal(cells, through[number][0]), f"{ranks}: step {number} has other leaves"
+                    assert abs(force / through[number][1] - 1) < 1e-7, f"{ranks}: step {number} has another force"
+                assert len(Checkpoint(file, scene, comm).records) == len(through)
 
 
 @pytest.mark.parametrize("degree, steps", [(1, 4), (2, 2)])

@@ -33,9 +33,21 @@ SMALLER = (
 pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="a notebook starts its own processes")
 
 
+def answers(name):
+    """The programs that answer the exercises of a notebook, as narrow as its cells."""
+    text = (TOP / "notebooks" / f"{name}.py").read_text()
+    found = re.findall(r"^# ```python\n(.*?)^# ```", text, flags=re.M | re.S)
+    lines = [line.removeprefix("#")[1:] for answer in found for line in answer.splitlines()]
+    assert max(map(len, lines), default=0) <= 88
+    return re.sub(r"tolerance=0\.[0-2]\d*", "tolerance=0.3", "\n".join(lines))
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_runs(name, tmp_path):
-    """On coarse meshes, in a copy, so that its results go to a temporary folder; no cell fails or warns."""
+    """On coarse meshes, in a copy, so that its results go to a temporary folder; no cell fails or warns.
+
+    Answers to its exercises run after its cells.
+    """
     nbformat = pytest.importorskip("nbformat")
     pytest.importorskip("ipykernel")
     for folder in ("notebooks", "demos", "studies", "src"):
@@ -46,33 +58,20 @@ def test_runs(name, tmp_path):
     text = notebook.read_text()
     for pattern, replacement in SMALLER:
         text = re.sub(pattern, replacement, text, flags=re.M)
+    content = nbformat.reads(text, as_version=4)
+    own = len(content.cells)
+    content.cells.append(nbformat.v4.new_code_cell(answers(name), id="answers"))
     notebook.unlink()
-    notebook.write_text(text)
+    nbformat.write(content, notebook)
     command = [sys.executable, "notebooks/execute.py", notebook, "--output", "shown"]
     done = subprocess.run(command, cwd=tmp_path, env=outside(), capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-3000:]
     cells = nbformat.read(tmp_path / "shown" / f"{name}.ipynb", as_version=4).cells
     outputs = [out for cell in cells for out in cell.get("outputs", [])]
-    assert sum("image/png" in out.get("data", {}) for out in outputs) == PICTURES[name]
+    pictures = [out for cell in cells[:own] for out in cell.get("outputs", []) if "image/png" in out.get("data", {})]
+    assert len(pictures) == PICTURES[name]
     said = "".join(out.text for out in outputs if out.output_type == "stream" and out.name == "stderr")
     assert "Warning" not in said and "Error" not in said, said
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_answers(name, tmp_path):
-    """The programs that answer the exercises run after the cells of the notebook, and are as narrow as those."""
-    text = (TOP / "notebooks" / f"{name}.py").read_text()
-    answers = re.findall(r"^# ```python\n(.*?)^# ```", text, flags=re.M | re.S)
-    if not answers:
-        pytest.skip("no exercises")
-    lines = [line.removeprefix("#")[1:] for answer in answers for line in answer.splitlines()]
-    assert max(map(len, lines)) <= 88
-    cells = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
-    program = re.sub(r"tolerance=0\.[0-2]\d*", "tolerance=0.3", "\n".join([cells, *lines]))
-    (tmp_path / "here").mkdir()
-    command = [sys.executable, "-c", program]
-    done = subprocess.run(command, cwd=tmp_path / "here", env=outside(), capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr[-3000:]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -32,7 +32,7 @@ ELSEWHERE = "docker|apptainer|singularity|srun|sbatch|conda|pip|sudo|apt-get|apt
 RUN = (
     r"bash|jupyter notebook .*|(env .+ )?python3 notebooks/execute\.py .*|(mpirun -n \d )?python3 -m pytest .*"
     r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured)\.py.*"
-    r"|(mpirun -n \d )?python3 demos/(crossed_cylinders|shaft_in_bore|rigid_stamp|roller_on_block)\.py.*"
+    r"|mpirun -n \d python3 demos/(crossed_cylinders|shaft_in_bore|rigid_stamp|roller_on_block)\.py.*"
     r"|(mpirun (--oversubscribe )?-n \d+ )?python3 -m studies\.\w+\.\w+.*"
     r"|(mpirun -n \d )?python3 -m fx_contact info"
 )
@@ -42,6 +42,7 @@ SKIPPED = {
     r"docs/build": "it needs a root of its own",
     r"(mpirun -n \d )?python3 demos/own_gmsh_model\.py": "test_ready_scenes runs it",
     r"(mpirun -n \d )?python3 demos/step_part\.py": "test_own_shapes runs it",
+    r"python3 demos/(crossed_cylinders|shaft_in_bore|rigid_stamp|roller_on_block)\.py.*": "test_own_shapes runs it",
     r"python3 -m fx_contact( run .*)?": "test_command does it",
     r"COMMAND|python3 program\.py|python3 -m mpi4py": "it stands for a user's own",
     r"python3 -m flake8 .*": "tests/run begins with it",
@@ -74,7 +75,7 @@ SMALLER = (
 #: Studies that take minutes even in their smallest form, demos that differ in their options, tests;
 #: `test_notebooks` executes the notebooks.
 LONG = r"studies\.partition\.|studies\.(work_precision|incompressible)\.run|studies\.cost\."
-LONG += r"|studies\.stability\.(without|iterations)|studies\.goals\.(forces|rigid_twins)"
+LONG += r"|studies\.stability\.(without|iterations)|studies\.goals\.(forces|rigid_twins|pressures)"
 LONG += r"|studies\.effectivity\.(stress|cad|first_mesh|hertz_truth)|studies\.(nonmatching|layers)"
 LONG += r"|notebooks/execute\.py|-m pytest|demos/.*--(degree|symmetry|order|partition|enforcement)"
 #: Programs that read their command line with argparse, and a module or file and the words after it.

@@ -31,7 +31,7 @@ from fx_contact.results import RecordWriter, contact_errors, true_error, write_f
 
 COMM = MPI.COMM_WORLD
 #: Where one rank goes another way: the last one, or the one to which all others speak.
-ASTRAY = pytest.mark.parametrize("astray", sorted({0, COMM.size - 1}))
+ASTRAY = pytest.mark.parametrize("astray", [COMM.size - 1, 0], ids=["last", "first"])
 several = pytest.mark.skipif(COMM.size == 1, reason="one rank has no others")
 
 
@@ -143,7 +143,9 @@ def test_calls_inside_a_call():
 
 
 @several
-@pytest.mark.parametrize("late", sorted({(COMM.size - 1,), (0,), tuple(range(COMM.size - 1))}))
+@pytest.mark.parametrize(
+    "late", [(COMM.size - 1,), (0,), tuple(range(COMM.size - 1))], ids=["last", "first", "all but the last"]
+)
 def test_late(late, monkeypatch, caplog):
     """Who works alone is named by one rank, once, and waited for."""
     monkeypatch.setattr(meeting, "_PATIENCE", 0.2)
@@ -151,12 +153,12 @@ def test_late(late, monkeypatch, caplog):
     COMM.Barrier()
     start = time.monotonic()
     if COMM.rank in late:
-        time.sleep(1.2)
+        time.sleep(0.8)
     with caplog.at_level(logging.WARNING, "fx_contact"), calling(COMM, "a call"):
         waited = time.monotonic() - start
     lines = [line for part in COMM.allgather(caplog.messages) for line in part]
     named = f"waiting in a call for rank{'s' * (len(late) > 1)} {', '.join(map(str, late))} since "
-    assert waited > 1.1 and len(lines) == 1 and lines[0].startswith(named), lines
+    assert waited > 0.7 and len(lines) == 1 and lines[0].startswith(named), lines
 
 
 @several
@@ -173,7 +175,7 @@ def test_in_time(monkeypatch, caplog):
 HEAD = """
 import sys, time
 from mpi4py import MPI
-from fx_contact import Scene, adapt, solve
+from fx_contact import adapt, solve
 from fx_contact.parallel import meeting
 from fx_contact.results import write_fields
 from fx_contact.scenes import patch
@@ -203,12 +205,10 @@ ENDS = {
         3,
     ),
     "break": (RUN.format("") + "for step in run:\n    if last: break", [STEP, END], 2),
-    "exit": (RUN.format("") + "for step in run:\n    if last: sys.exit(3)", [STEP, END], 2),
     "exit of rank 0": (RUN.format("") + "for step in run:\n    if comm.rank == 0: sys.exit()", [STEP, END], 3),
     "error": (RUN.format("") + "for step in run:\n    if last: 1 / 0", [STEP, f"{END} by ZeroDivisionError"], 2),
     "interrupt": (RUN.format("") + "next(run)\nif last: raise KeyboardInterrupt\nnext(run)", ["by Keyboard"], 2),
     "no step": (RUN.format("") + "step = next(run)\nwrite_fields(None if last else step, '.')", ["by SceneError"], 2),
-    "scene": (HEAD + "if last: Scene('', None, {}, ())\nsolve(patch(), 0.1)", [f"{END} by SceneError", "solve"], 2),
     "own call": (RUN.format("") + "if last: 1 / 0\ncomm.Barrier()", ["ZeroDivisionError", "do not answer"], 2),
     "error inside": (INSIDE.format("1 / 0"), ["ZeroDivisionError", f"{STEP} has failed on it alone"], 2),
     "exit inside": (INSIDE.format("sys.exit(0)"), [f"{STEP} has failed on it alone"], 3),

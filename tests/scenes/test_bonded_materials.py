@@ -125,13 +125,13 @@ def test_files_and_grids(degree, folder):
 def test_restart(folder):
     """A run goes on from a checkpoint with its parts; another material of one of them is refused."""
     scene = tube((SOFT, HARD))[0]
-    through = list(adapt(scene, 1e-3, max_steps=3, checkpoint=folder / "run"))
-    *_, last = adapt(scene, 1e-3, max_steps=4, restart=folder / "run")
-    *_, whole = adapt(scene, 1e-3, max_steps=4)
+    through = list(adapt(scene, 0.02, degree=1, max_steps=3, checkpoint=folder / "run"))
+    *_, last = adapt(scene, 0.02, degree=1, max_steps=4, restart=folder / "run")
+    *_, whole = adapt(scene, 0.02, degree=1, max_steps=4)
     assert last.record.cells == whole.record.cells > through[-1].record.cells
     assert last.record.estimate == pytest.approx(whole.record.estimate, rel=1e-6)
     with pytest.raises(CheckpointError, match="materials"):
-        list(adapt(tube((SOFT, Material(11.0, 0.2)))[0], 1e-3, restart=folder / "run"))
+        list(adapt(tube((SOFT, Material(11.0, 0.2)))[0], 0.02, degree=1, restart=folder / "run"))
 
 
 @pytest.mark.ranks(1, 2)
