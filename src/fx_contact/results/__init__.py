@@ -3,7 +3,8 @@
 import warnings
 from typing import Any
 
-from fx_contact.adaptive.step_report import table_head, table_row, undirected
+from fx_contact.adaptive.step_record import undirected
+from fx_contact.adaptive.step_report import table_head, table_row
 from fx_contact.results.accuracy import contact_errors, field_error, true_error
 from fx_contact.results.analytic import Hertz, HertzEllipse, HertzLine, Persson, ShrinkFit
 from fx_contact.results.contact_surface import contact_functions
