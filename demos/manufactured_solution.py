@@ -15,7 +15,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fx_contact.adaptive.settings import DEGREE
-from fx_contact.adaptive.step_record import SolveRecord, record_of_solve
+from fx_contact.adaptive.solve_record import SolveRecord, record_of_solve
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.estimator import Estimate, Estimator

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from fx_contact import adapt, solve
 from fx_contact.adaptive import adaptive_loop
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.adaptive.step_record import record_of_solve
+from fx_contact.adaptive.solve_record import record_of_solve
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.parallel.errors import OutputError, SceneError, SolveError

@@ -15,8 +15,7 @@ from dolfinx.mesh import Mesh, MeshTags, meshtags
 from fx_contact.adaptive.contact_line import FacetValues, facet_values
 from fx_contact.adaptive.contact_state import ContactState
 from fx_contact.adaptive.pyvista_grid import leaf_grid
-from fx_contact.adaptive.step_record import StepRecord
-from fx_contact.adaptive.step_report import report_text
+from fx_contact.adaptive.step_record import StepRecord, report_text
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.contact_goals import ContactError
 from fx_contact.estimate.shear_free import find_shear_free

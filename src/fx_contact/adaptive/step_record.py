@@ -1,105 +1,27 @@
-"""The figures of one adaptive step, a line of `steps.jsonl`."""
+"""The figures of one adaptive step, a line of `steps.jsonl`, and a report of them."""
 
 import warnings
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
-from mpi4py import MPI
+import numpy as np
 
-from fx_contact.adaptive.step_report import costs, report_text
-from fx_contact.estimate.estimator import Estimate
+from fx_contact.adaptive.solve_record import SolveRecord
 from fx_contact.estimate.goal_errors import GoalRecord
-from fx_contact.fem.elasticity import Elasticity
 from fx_contact.forest.partition_quality import PartitionSummary
-from fx_contact.items.units import Units
-from fx_contact.law.contact_solver import ContactSolution
-from fx_contact.parallel.meeting import collective
-from fx_contact.parallel.timing import Stages
-from fx_contact.parallel.versions import library_versions
+from fx_contact.items.units import Units, unit_of
+from fx_contact.parallel.validation import percent
 from fx_contact.verdict.contact_figures import ContactFigures
 from fx_contact.verdict.resultants import Resultant
 from fx_contact.verdict.validity import ModelWarning
 
-
-@dataclass(frozen=True, kw_only=True)
-class SolveRecord:
-    """The figures of a solve on an adaptive mesh, alike on all ranks.
-
-    Attributes:
-        scene: its name.
-        step: number of the step, from 0.
-        ranks: number of MPI ranks.
-        cells: leaves of the forest.
-        dofs: conforming degrees of freedom.
-        degree: of the displacements.
-        hanging_nodes: nodes without degrees of freedom of their own.
-        max_level: finest level of a leaf; root cells have level 0.
-        geometry_order: polynomial order of the leaf maps.
-        krylov_iterations: of PCG, for each solve.
-        estimate: estimated relative error in the energy norm, xi / omega [-].
-        tolerance: prescribed relative error e in the energy norm [-].
-        ratio: xi / (e omega), (6) [-].
-        seconds: wall time by stage (`timing.STAGES`) and `total`, the maximum over ranks [s].
-        cpu_seconds: CPU time by stage and `total`, the sum over ranks [s].
-        memory_bytes: resident memory at the end of each stage, the sum over ranks [bytes].
-        peak_memory_bytes: largest resident memory, the sum over ranks [bytes].
-        versions: of the libraries, by name.
-    """
-
-    scene: str
-    step: int
-    ranks: int
-    cells: int
-    dofs: int
-    degree: int
-    hanging_nodes: int
-    max_level: int
-    geometry_order: int
-    krylov_iterations: list[int]
-    estimate: float
-    tolerance: float
-    ratio: float
-    seconds: dict[str, float]
-    cpu_seconds: dict[str, float]
-    memory_bytes: dict[str, int]
-    peak_memory_bytes: int
-    versions: dict[str, str | None]
-
-    def as_json(self) -> dict[str, Any]:
-        """The entries, without optional ones that are not known.  Local."""
-        entries = asdict(self)
-        return {one.name: entries[one.name] for one in fields(self) if entries[one.name] is not one.default}
-
-
-@collective("elasticity.prolongation.comm")
-def record_of_solve(
-    scene: str,
-    step: int,
-    elasticity: Elasticity,
-    solution: ContactSolution,
-    estimate: Estimate,
-    tolerance: float,
-    stages: Stages,
-) -> SolveRecord:
-    """The record of a solve, with the costs of its stages so far.  Collective."""
-    prolongation, forest = elasticity.prolongation, elasticity.prolongation.space.forest
-    return SolveRecord(
-        scene=scene,
-        step=step,
-        ranks=forest.comm.size,
-        cells=forest.size_global,
-        dofs=3 * prolongation.index_map.size_global,
-        degree=int(prolongation.space.degree),
-        hanging_nodes=prolongation.hanging_global,
-        max_level=forest.comm.allreduce(int(forest.level.max(initial=0)), op=MPI.MAX),
-        geometry_order=elasticity.leaf_mesh.order,
-        krylov_iterations=solution.krylov_iterations,
-        estimate=estimate.relative,
-        tolerance=tolerance,
-        ratio=estimate.relative / tolerance,
-        versions=library_versions(),
-        **stages.costs(forest.comm),
-    )
+#: Digits of the largest force; of others those with the same place value, the rest is the solver's error.
+_DIGITS = 6
+#: Least `pair_alignments` of a pair with one direction: its force is then the length of its force vector to 1 %.
+DIRECTED = 0.99
+#: Components shown as 0, relative to the sum of magnitudes: less than its digits.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -240,3 +162,84 @@ _KINDS: dict[str, type] = {
     "resultants": Resultant,
     "goals": GoalRecord,
 }
+
+
+def report_text(record: StepRecord) -> str:
+    """Mesh, error, contact, resultants, goals and warnings of a step; without its costs."""
+    return "\n  ".join(_lines(record))
+
+
+def costs(record: StepRecord) -> str:
+    """A line on time and memory."""
+    wall, cpu = record.seconds["total"], record.cpu_seconds["total"]
+    return f"{wall:.1f} s of wall time, {cpu:.1f} s of CPU time, {record.peak_memory_bytes / 1e6:,.0f} MB of memory"
+
+
+def _lines(r: StepRecord) -> Iterator[str]:
+    """Lines of `report_text`."""
+    yield f"step {r.step} of {r.scene!r} on {r.ranks} rank{'s' * (r.ranks > 1)}"
+    yield f"{r.cells:,} cells of order {r.geometry_order}, up to level {r.max_level}"
+    yield f"{r.dofs:,} unknowns of degree {r.degree}, {r.hanging_nodes:,} hanging nodes"
+    reached = "" if r.reached else " not"
+    yield f"estimated error {percent(r.estimate)}, tolerance {percent(r.tolerance)}{reached} reached"
+    if r.pair_forces:
+        largest = f"largest pressure {r.max_pressure:.5g}{_unit(r, 'stress')}"
+        radius = f", contact radius {r.contact_radius:.5g}{_unit(r, 'length')}" if r.contact_radius else ""
+        yield f"{r.active_pairs:,} contact nodes closed, {largest}{radius}"
+    yield from _contacts(r)
+    yield from _resultants(r)
+    yield from map(str, r.goals)
+    yield from (f"{warning.kind}: {warning.message}" for warning in r.doubts)
+    yield from undirected(r)
+
+
+def _contacts(r: StepRecord) -> Iterator[str]:
+    """A line for each contact pair."""
+    names = [one.name for one in r.resultants or () if one.kind == "contact"]
+    for index, force in enumerate(r.pair_forces):
+        error, moved = r.pair_errors[index], r.motions.get(names[index]) if names else None
+        line = f"contact {repr(names[index]) if names else index}: "
+        line += f"force {force:.6g}{_unit(r, 'force')}" if force else "open"
+        line += "" if error is None else f", estimated error {percent(error)}"
+        yield line + ("" if moved is None else f", obstacle moved by {moved:.5g}{_unit(r, 'length')}")
+
+
+def _resultants(r: StepRecord) -> Iterator[str]:
+    """A line for each tie, load and condition."""
+    shown = [one for one in r.resultants or () if one.kind not in ("contact", "balance")]
+    largest = max([r.force, *(abs(value) for one in shown for value in one.force)])
+    digits = _DIGITS - 1 - int(np.floor(np.log10(largest))) if largest else 0
+    for one in shown:
+        motion = r.motions.get(one.name) if one.kind in ("tie", "rigid load") else None
+        vector = ", ".join(f"{round(value, digits) + 0.0:.{_DIGITS}g}" for value in one.force)
+        part = " on the modelled part" if one.kind == "symmetry" else ""
+        yield f"{one.kind} {one.name!r}: force ({vector}){_unit(r, 'force')}{part}{_moved(r, motion)}"
+
+
+def _moved(r: StepRecord, motion: float | list[float] | None) -> str:
+    """The closing of a section, or the motion of a rigid face."""
+    if motion is None:
+        return ""
+    if not isinstance(motion, list):
+        return f", closed by {motion:.5g}{_unit(r, 'length')}"
+    shift, turn = (", ".join(f"{value:.5g}" for value in part) for part in (motion[:3], motion[3:]))
+    return f", moved by ({shift}){_unit(r, 'length')}, turned by ({turn}) rad"
+
+
+def undirected(record: StepRecord) -> list[str]:
+    """Lines on the contact pairs whose sum of magnitudes is more than the length of their force vector."""
+    pairs = [one for one in record.resultants or () if one.kind == "contact"]
+    lines = []
+    for pair, force, alignment in zip(pairs, record.pair_forces, record.pair_alignments or ()):
+        if alignment is not None and alignment < DIRECTED:
+            vector = ", ".join(f"{0.0 if abs(value) < _ROUNDING * force else value:.5g}" for value in pair.force)
+            lines.append(
+                f"{pair.name!r} presses in many directions: its forces add up to ({vector}), {alignment:.1%} of the "
+                "sum of their magnitudes"
+            )
+    return lines
+
+
+def _unit(r: StepRecord, quantity: str) -> str:
+    """Unit of a quantity behind a number, if it is known."""
+    return f" {unit_of(quantity, r.units)}".rstrip()

@@ -8,8 +8,9 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.settings import GEOMETRY_SHARE, Settings
+from fx_contact.adaptive.solve_record import record_of_solve
 from fx_contact.adaptive.step import Step
-from fx_contact.adaptive.step_record import Motions, StepRecord, record_of_solve
+from fx_contact.adaptive.step_record import Motions, StepRecord
 from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem

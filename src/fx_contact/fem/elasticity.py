@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
-import basix.ufl
 import numpy as np
 import ufl
-from basix import CellType
 from dolfinx import fem
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
@@ -17,7 +15,8 @@ from fx_contact.fem.anisotropy import Anisotropy
 from fx_contact.fem.cell_products import CellSum, cell_constraints, constrained, node_couplings
 from fx_contact.fem.cell_stiffness import CellStiffness
 from fx_contact.fem.displacement_field import DisplacementField, Integral
-from fx_contact.fem.leaf_mesh import LeafMesh, basix_order
+from fx_contact.fem.leaf_mesh import LeafMesh
+from fx_contact.fem.nodal_spaces import NodalSpaces
 from fx_contact.fem.nodal_stress import NodalStress
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.springs import Springs
@@ -26,7 +25,7 @@ from fx_contact.fem.volume_projection import VolumeProjection
 from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.items.materials import LOCKING_POISSON, Material, Orthotropic
 from fx_contact.linalg.matrix import BlockMatrix, create_matrix
-from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.compilation import compiled
 from fx_contact.parallel.memory import give_back
 from fx_contact.parallel.timing import Stages
@@ -45,8 +44,8 @@ class Rows(Protocol):
         """Couplings of the nodes of the index map by a row: bool."""
 
 
-class Elasticity:
-    """Displacements of degree p on a leaf mesh whose cells have one of several materials.
+class Elasticity(NodalSpaces):
+    """Displacements of degree p, in `NodalSpaces`, on a leaf mesh whose cells have one of several materials.
 
     Collective on mesh.comm.
 
@@ -59,14 +58,10 @@ class Elasticity:
         stress_free: (ncells, (p+1)^3, 3, 3), stress-free strain at the nodes `cells` [-]; None: 0 on all ranks.
 
     Attributes:
-        function_space: of displacements, a block of 3 a node.
         quadrature_degree: of the Gauss rule on curved cells, 2p + 1: (p+1)^3 points.
-        cells: (ncells, (p+1)^3), nodes in the Space of each local cell.
-        node_of_block: (nblocks,), the node of each local block of `function_space`; several blocks may have one.
         lame: the two Lame coefficients, constant on cells, of the nearest isotropic material [Pa].
         argument: coefficient in the place of a displacement in an `Integral`; its values are scratch, those of the
             displacement that was integrated last.
-        order: ((p+1)^3,), node in `cells` of each node of a cell of `function_space`.
         projects: True with nearly incompressible bodies; the energy of a displacement then depends on the cells.
 
     Raises:
@@ -85,21 +80,9 @@ class Elasticity:
         stress_free: FloatArray | None = None,
     ) -> None:
         self._materials, self._layer, self.springs = (materials, material), layer, springs
-        self.mesh = mesh = leaf_mesh.mesh
-        self.prolongation = prolongation
+        super().__init__(leaf_mesh, prolongation)
         self.quadrature_degree = 2 * prolongation.space.degree + 1
-        self._spaces: dict[tuple[tuple[int, ...], bool], fem.FunctionSpace] = {}
-        self.function_space = self.space_of(3)
-        constant = fem.functionspace(mesh, ("DG", 0))
-        self.leaf_mesh, self._stages = leaf_mesh, stages
-        imap = self.function_space.dofmap.index_map
-        self.cells: Int32Array = prolongation.space.cells[leaf_mesh.leaf]
-        self.node_of_block: Int64Array = np.empty(imap.size_local + imap.num_ghosts, dtype=np.int64)
-        self.order = basix_order(CellType.hexahedron, prolongation.space.degree)
-        self.node_of_block[self.function_space.dofmap.list] = self.cells[:, self.order]
-        count = len(self.node_of_block)
-        entries = np.ones(count), (self.node_of_block, np.arange(count))
-        self._gather = csr_matrix(entries, shape=(len(prolongation.space), count))
+        self._stages, constant = stages, fem.functionspace(self.mesh, ("DG", 0))
         near = [one.isotropic for one in materials]
         self.lame = fem.Function(constant), fem.Function(constant)
         cells, soft = constant.dofmap.list[:, 0], np.array([one.poisson >= LOCKING_POISSON for one in near])
@@ -107,7 +90,7 @@ class Elasticity:
             lame.x.array[cells] = values[material]
         self._more = None
         if any(isinstance(one, Orthotropic) for one in materials):
-            self._more = Anisotropy(mesh, materials, material)
+            self._more = Anisotropy(self.mesh, materials, material)
         self._soft, self.projects = soft[material], bool(soft.any())
         if self.projects:
             self._pointwise = fem.Function(constant)
@@ -167,30 +150,6 @@ class Elasticity:
         """Elasticity of the same bodies with displacements of another degree, on the same forest.  Collective."""
         springs = None if self.springs is None else self.springs.on(prolongation)
         return Elasticity(self.leaf_mesh, *self._materials, prolongation, self._stages, self._layer, springs)
-
-    def space_of(self, *shape: int, discontinuous: bool = False) -> fem.FunctionSpace:
-        """Functions of the displacement's degree with components of a shape, made once.  Collective."""
-        if (shape, discontinuous) not in self._spaces:
-            degree = self.prolongation.space.degree
-            element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=shape, discontinuous=discontinuous)
-            self._spaces[shape, discontinuous] = fem.functionspace(self.mesh, element)
-        return self._spaces[shape, discontinuous]
-
-    def at_blocks(self, values: FloatArray) -> FloatArray:
-        """Array (nblocks * k,) of a Function of a nodal space, of values (m, k) at all nodes.  Local."""
-        return values[self.node_of_block].ravel()
-
-    def at_nodes(self, blocks: FloatArray) -> FloatArray:
-        """Contributions (m, k) of this rank's cells to the nodes, of an assembled vector (nblocks * k,).  Local."""
-        return self._gather @ blocks.reshape(len(self.node_of_block), -1)
-
-    def at_leaves(self, function: fem.Function) -> FloatArray:
-        """Nodal values of a Function of a nodal space or of `stresses` by leaves: (n, (p+1)^3, k).  Local."""
-        space = function.function_space
-        values = function.x.array.reshape(-1, space.dofmap.bs)[space.dofmap.list]
-        result = np.empty_like(values)
-        result[self.leaf_mesh.leaf[:, None], self.order] = values
-        return result
 
     def stress(self, field: DisplacementField) -> ufl.core.expr.Expr:
         """Cauchy stress [Pa] of a field, a UFL expression.  Local."""

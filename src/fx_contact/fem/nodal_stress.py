@@ -1,17 +1,11 @@
 """Stresses by values at nodes: continuous inside each material of a body, which jump between materials."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from dolfinx import fem
 from scipy.sparse import csr_matrix
 
+from fx_contact.fem.nodal_spaces import NodalSpaces
 from fx_contact.parallel.arrays import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from fx_contact.fem.elasticity import Elasticity
 
 
 class NodalStress:
@@ -25,22 +19,22 @@ class NodalStress:
         count: number of layers on all ranks.
     """
 
-    def __init__(self, elasticity: Elasticity, layer: IntArray, count: int) -> None:
-        self._elasticity, self._prolongation, self._count = elasticity, elasticity.prolongation, count
+    def __init__(self, spaces: NodalSpaces, layer: IntArray, count: int) -> None:
+        self._spaces, self._prolongation, self._count = spaces, spaces.prolongation, count
         if count > 1:
-            nodes = elasticity.cells[:, elasticity.order]
+            nodes = spaces.cells[:, spaces.order]
             self._place = (nodes * count + layer[:, None]).ravel()
             entries = np.ones(len(self._place)), (self._place, np.arange(len(self._place)))
             self._gather = csr_matrix(entries, shape=(count * len(self._prolongation.space), len(self._place)))
 
     def space(self, *shape: int) -> fem.FunctionSpace:
         """Functions with components of a shape, discontinuous if there are several layers.  Collective."""
-        return self._elasticity.space_of(*shape, discontinuous=self._count > 1)
+        return self._spaces.space_of(*shape, discontinuous=self._count > 1)
 
     def restrict(self, moments: FloatArray) -> FloatArray:
         """Sums (owned, count, k) of assembled moments with a space of k components.  Collective."""
         if self._count == 1:
-            return self._prolongation.restrict(self._elasticity.at_nodes(moments))[:, None]
+            return self._prolongation.restrict(self._spaces.at_nodes(moments))[:, None]
         k = len(moments) // len(self._place)
         sums = (self._gather @ moments.reshape(-1, k)).reshape(-1, self._count * k)
         return self._prolongation.restrict(sums).reshape(-1, self._count, k)
@@ -49,5 +43,5 @@ class NodalStress:
         """Array of a Function of a space of k components, of values (owned, count, k).  Collective."""
         nodal = self._prolongation.prolong(values.reshape(len(values), -1))
         if self._count == 1:
-            return self._elasticity.at_blocks(nodal)
+            return self._spaces.at_blocks(nodal)
         return np.asarray(nodal.reshape(-1, values.shape[2])[self._place].ravel())

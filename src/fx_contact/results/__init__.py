@@ -23,9 +23,10 @@ __all__ = [
 
 __getattr__ = former_names(
     __name__,
-    {name: f"fx_contact.adaptive.step_report.{name}" for name in ("table_head", "table_row", "undirected")}
+    {name: f"fx_contact.adaptive.step_report.{name}" for name in ("table_head", "table_row")}
     | {name: f"fx_contact.results.report.{name}" for name in ("force_warnings", "model_warnings", "total_seconds")}
     | {
+        "undirected": "fx_contact.adaptive.step_record.undirected",
         "contact_functions": "fx_contact.results.contact_surface.contact_functions",
         "doubt_lines": "fx_contact.results.report.model_warnings",
     },
