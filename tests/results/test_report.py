@@ -13,7 +13,7 @@ from model_problems import step_record
 
 from fx_contact import GoalRecord, Resultant, SolveError, Solver, Step, StepRecord, adapt, results, solve, sweep
 from fx_contact.adaptive import progress_line
-from fx_contact.adaptive.contact_state import ContactTable
+from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.items.units import labelled, unit_of
 from fx_contact.parallel.timing import STAGES
 from fx_contact.parallel.validation import percent

@@ -17,8 +17,8 @@ from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.versions import library_versions
 from fx_contact.verdict.contact_figures import ContactFigures
+from fx_contact.verdict.model_warning import ModelWarning
 from fx_contact.verdict.resultants import Resultant
-from fx_contact.verdict.validity import ModelWarning
 
 
 @dataclass(frozen=True, kw_only=True)
