@@ -115,9 +115,9 @@ print(f"exponent {exponent:.3f}; force over Hertz", np.round(force / hertz, 3))
 #
 # below = ContactPair("block top", ball, force=(0, 0, -1e-3))
 # step = solve(replace(pressed(0.0), contact=below), tolerance=0.2)
-# print(step.record.approaches)
+# print(step.record.motions)
 # ```
 #
-# The record has one entry for each contact: 0.0075. Hertz's formula for a half-space gives 0.0078.
+# The record has a motion by the name of the contact: 0.0075. Hertz's formula for a half-space gives 0.0078.
 #
 # </details>

@@ -7,7 +7,7 @@ from fx_contact.adaptive.adaptive_loop import Run, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.adaptive.contact_line import ContactLine
-from fx_contact.adaptive.contact_state import ContactState, ContactTable
+from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.adaptive.solving import solve
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord, TrueError
@@ -61,7 +61,6 @@ __all__ = [
     "ContactForce",
     "ContactLine",
     "ContactPair",
-    "ContactState",
     "ContactTable",
     "Dirichlet",
     "Displacement",
@@ -126,7 +125,7 @@ __all__ = [
 ]
 
 #: Former names, removed in the next version.
-_FORMER = {"Sweep": "LoadPath"}
+_FORMER = {"ContactState": "ContactTable", "Sweep": "LoadPath"}
 
 
 def __getattr__(name: str) -> Any:

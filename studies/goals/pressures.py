@@ -2,7 +2,7 @@
 
     python3 -m studies.goals.pressures    # three minutes
 
-Behind `validity.GROWTH` and `contact_figures.PEAK`: round contact, a ball on a thin layer, and a stamp with sharp
+Behind `model_warning.GROWTH` and `contact_figures.PEAK`: round contact, a ball on a thin layer, and a stamp with sharp
 edges, at degrees 1 and 2.  It leaves pressures.csv in results/goals; the radius is that of the second moments of the
 pressure also where the records have none.
 """

@@ -38,7 +38,7 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.results import true_error
 from fx_contact.results.report import model_warnings
 from fx_contact.scene.fingerprint import scene_parts
-from fx_contact.verdict.validity import load_warnings
+from fx_contact.verdict.solution_warnings import load_warnings
 
 MATERIAL = Material(young=1.0, poisson=0.3)
 BALL = RigidSphere((0.0, 0.0, 1.0), 1.0)

@@ -41,8 +41,8 @@ from fx_contact import (
 from fx_contact.estimate.goal_errors import GoalRecord
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.plot import draw_convergence, draw_sweep
+from fx_contact.verdict.model_warning import check_model_warnings, growing_pressure
 from fx_contact.verdict.scene_warnings import warnings_of
-from fx_contact.verdict.validity import check_model_warnings, growing_pressure
 
 pytestmark = pytest.mark.ranks(1, 2)
 
@@ -274,13 +274,11 @@ SIDES = (("left", "x"), ("front", "y"))
 
 
 @pytest.mark.parametrize("pressures, is_growing", [([1, 2, 3, 4], True), ([1, 2, 3, 3.1], False), ([1, 2, 3], False)])
-def test_growing_pressure_without_goals(pressures, is_growing):
-    """More than 5 % on each of three refinements; not with a goal for it, nor before contact."""
-    scene = press()
-    found = growing_pressure(scene, (), pressures)
+def test_growing_pressure(pressures, is_growing):
+    """More than 5 % on each of three refinements; not before contact."""
+    found = growing_pressure("cubes", pressures)
     assert [one.kind for one in found] == ["growing pressure"] * is_growing
-    assert not growing_pressure(scene, (MaxPressure(PAIR, 0.1),), pressures)
-    assert not growing_pressure(scene, (), [0.0, *pressures[1:]][-4:])
+    assert not growing_pressure("cubes", [0.0, *pressures[1:]][-4:])
 
 
 def test_one_object_for_a_tuple():

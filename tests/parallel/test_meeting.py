@@ -66,7 +66,7 @@ CALLS = {
     "Step.to_pyvista of step 0": lambda run, folder: run.step.to_pyvista(),
     "Step.facet_tags of step 0": lambda run, folder: run.step.facet_tags,
     "Step.ds of step 0": lambda run, folder: run.step.ds("top"),
-    "ContactState.gathered": lambda run, folder: run.step.contact.gathered(),
+    "ContactTable.gathered": lambda run, folder: run.step.contact.gathered(),
     "draw_mesh of step 0": lambda run, folder: draw_mesh(run.step, folder / "a.png"),
     "draw_pressure of step 0": lambda run, folder: draw_pressure(run.step, folder / "a.png"),
     "draw_stress of step 0": lambda run, folder: draw_stress(run.step, folder / "a.png"),

@@ -14,12 +14,12 @@ from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.scenes import hertz
 from fx_contact.surfaces.facet_pairing import leaf_code
 
-VALUES = (1e-2, 5e-3, 2e-3)
+VALUES, TOLERANCE = (1e-2, 5e-3, 2e-3), 0.3
 small = partial(hertz, order=1, coarse=2)
 
 
-def pressed(approach):
-    return small(displacement=approach)
+def pressed(approach, comm=WORLD):
+    return small(displacement=approach, comm=comm)
 
 
 def field(forest, degree):
@@ -29,14 +29,15 @@ def field(forest, degree):
 
 def start(degree, comm=WORLD):
     """A Beginning on the root cells that carries the polynomial."""
-    forest = Beginning.uniform(pressed(VALUES[0]), 0, comm).forest
+    forest = Beginning.uniform(pressed(VALUES[0], comm), 0, comm).forest
     values = np.concatenate([np.zeros((len(forest), (degree + 1) ** 3, 3)), field(forest, degree)], axis=2)
     return Beginning(forest, values)
 
 
 def path(degree, comm=WORLD, **options):
     """Increments that refine in each point."""
-    return increments(pressed, VALUES, 0.2, comm, degree=degree, beginning=start(degree, comm), **options)
+    scene_of = partial(pressed, comm=comm)
+    return increments(scene_of, VALUES, TOLERANCE, comm, degree=degree, beginning=start(degree, comm), **options)
 
 
 def by_leaf(comm, step, values):
@@ -88,8 +89,8 @@ def test_fields_go_through_a_path(degree):
 
 def test_points_are_those_of_a_sweep():
     """Without friction there is no history: forces are those of a sweep, to the tolerance."""
-    alone = [point.record.record.force for point in sweep(pressed, VALUES, 0.2)]
-    assert [point.record.force for point in whole(2)] == pytest.approx(alone, rel=0.2**2)
+    alone = [point.record.record.force for point in sweep(pressed, VALUES, TOLERANCE)]
+    assert [point.record.force for point in whole(2)] == pytest.approx(alone, rel=TOLERANCE**2)
 
 
 @pytest.mark.parametrize("writers, readers", {(WORLD.size, 1), (1, WORLD.size)})
@@ -128,7 +129,7 @@ def test_history_of_a_start():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(adaptive_loop, "solve_step", watched)
-        for _ in increments(pressed, VALUES[:2], 0.2):
+        for _ in increments(pressed, VALUES[:2], TOLERANCE):
             asked.append(None)
     first, second = asked[: asked.index(None)], asked[asked.index(None) + 1 : -1]
     assert first[0] == 0 and len(first) > 1 and all(first[1:])  # the history is zero, the guess is not

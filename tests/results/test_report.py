@@ -29,7 +29,7 @@ from fx_contact import (
     sweep,
 )
 from fx_contact.adaptive import progress_line
-from fx_contact.adaptive.contact_state import ContactTable
+from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.adaptive.step_report import table_head, table_row
 from fx_contact.items.units import labelled, unit_of
 from fx_contact.parallel.timing import STAGES

@@ -32,7 +32,8 @@ from fx_contact.parallel.mpi import together
 from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import check_comm, check_count, check_name, check_same_comm, percent, shown
 from fx_contact.scene.scene import Scene
-from fx_contact.verdict.validity import check_model_warnings, growing_pressure, growing_pressures, load_warnings
+from fx_contact.verdict.model_warning import check_model_warnings, growing_pressure
+from fx_contact.verdict.solution_warnings import load_warnings
 
 
 @collective("comm")
@@ -61,15 +62,19 @@ def adapt(
     All arguments but progress must be the same on all ranks.
 
     Args:
-        tolerance: prescribed relative error e in the energy norm, (6) [-].
+        scene: bodies, materials, conditions, loads and contacts.
+        tolerance: prescribed relative error e of the stress in the energy norm, (6), below 1 [-].
+        comm: of all ranks that solve the scene.
         degree: p of the displacements, 1 or 2.
         max_steps: largest number of solves, with those before a restart.
         geometry_order: order of the leaf maps; None: the lowest that approximates the root map to
             `settings.GEOMETRY_SHARE` times the tolerance.
-        control: mode of refinement and stopping.
+        enforcement: of contact; None: exact.
+        solver: preconditioner and tolerance of the linear solver; None: by default.
+        control: mode of refinement and stopping; None: errors of stresses and contact forces.
         goals: further quantities with tolerances of their own: ContactForce, Gap, MaxPressure, Displacement, Reaction.
         partition_kind: a key of `partition.KINDS`.
-        allow: kinds of model warnings that are no errors here, keys of `validity.REFUSED`: "large strain", "large
+        allow: kinds of model warnings that are no errors here, keys of `model_warning.REFUSED`: "large strain", "large
             rotation", "no load".
         beginning: forest and displacement to start from; None: the root cells.
         checkpoint: folder for the last step, written before it is yielded; None: no checkpoints.
@@ -93,7 +98,7 @@ def adapt(
             order.
         OutputError: a checkpoint cannot be written, or would replace that of another run.
         CompilationError: there is no C compiler, or no writable cache folder.
-        ValidityError: nothing loads the scene, or strains or rotations are far from small (`validity`).
+        ValidityError: nothing loads the scene, or strains or rotations are far from small (`model_warning`).
         SolveError: a solve fails, or would not fit into the memory; a penalty is too soft for the tolerance.
         Steps yielded before stay valid; an `FxContactError` holds the last state.
     """
@@ -315,10 +320,8 @@ class Run:
         if self._line is not None:
             self._line.unknowns = 3 * start.prolongation.index_map.size_global
         step = solve_step(settings, len(self.records), start, partition, stages)
-        records = (*self.records, step.record)
-        growing = growing_pressures(settings.goals, [record.goals for record in records])
-        pressures = [record.max_pressure for record in records]
-        growing += growing_pressure(settings.scene, settings.goals, pressures)
+        pressures = [record.max_pressure for record in (*self.records, step.record)]
+        growing = growing_pressure(settings.scene.name, pressures)
         if growing:
             step = replace(step, record=replace(step.record, doubts=[*step.record.doubts, *growing]))
         self.step = step

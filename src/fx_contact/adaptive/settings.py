@@ -15,8 +15,8 @@ from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_tolerance, shown
 from fx_contact.scene.fingerprint import scene_parts
 from fx_contact.scene.scene import Scene, check_scene
+from fx_contact.verdict.model_warning import ModelWarning, checked_kinds
 from fx_contact.verdict.scene_warnings import warnings_of
-from fx_contact.verdict.validity import ModelWarning, checked_kinds
 
 #: Default degree of the displacements.
 DEGREE = 2
@@ -33,7 +33,7 @@ class Settings:
         tolerance: prescribed relative error e in the energy norm, (6) [-].
         geometry_order: order of the leaf maps; None: the lowest by `GEOMETRY_SHARE`.
         degree: p of the displacements, 1 or 2.
-        allow: kinds of model warnings that are no errors, keys of `validity.REFUSED`.
+        allow: kinds of model warnings that are no errors, keys of `model_warning.REFUSED`.
         goals: quantities with tolerances of their own.
 
     Raises:

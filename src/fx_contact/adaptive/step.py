@@ -13,7 +13,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 
 from fx_contact.adaptive.contact_line import FacetValues, facet_values
-from fx_contact.adaptive.contact_state import ContactState
+from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.adaptive.pyvista_grid import leaf_grid
 from fx_contact.adaptive.step_record import StepRecord, report_text
 from fx_contact.contact.constraint_rows import ConstraintRows
@@ -154,17 +154,17 @@ class Step(SolvedState):
         return leaf_grid(self, self.displacement, self.stress)
 
     @cached_property
-    def contact(self) -> ContactState:
+    def contact(self) -> ContactTable:
         """Contact at this rank's contact nodes, none if the scene has no contact pairs.  Local."""
         pairs, solution, comm = self.rows, self.solution, self.forest.comm
         names = tuple(pair.name for pair in self.scene.contact)
         if pairs is None:
             vectors, numbers, active = np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool)
             pair, key = np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.int64)
-            return ContactState(
+            return ContactTable(
                 vectors, vectors, numbers, numbers, numbers, active, pair, names, key, comm, self._facets
             )
-        return ContactState(
+        return ContactTable(
             points=pairs.position,
             normal=pairs.normal,
             pressure=solution.pressure,

@@ -13,8 +13,8 @@ from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.items.units import Units, unit_of
 from fx_contact.parallel.validation import percent
 from fx_contact.verdict.contact_figures import ContactFigures
+from fx_contact.verdict.model_warning import ModelWarning
 from fx_contact.verdict.resultants import Resultant
-from fx_contact.verdict.validity import ModelWarning
 
 #: Digits of the largest force; of others those with the same place value, the rest is the solver's error.
 _DIGITS = 6

@@ -43,9 +43,10 @@ from fx_contact.parallel.timing import Stages
 from fx_contact.parallel.validation import percent
 from fx_contact.scene.scene import Scene
 from fx_contact.verdict.contact_figures import ContactFigures, figures_of_contact
+from fx_contact.verdict.model_warning import ModelWarning, check_model_warnings
 from fx_contact.verdict.penetration import penetrations
 from fx_contact.verdict.resultants import Resultant, sum_up
-from fx_contact.verdict.validity import ModelWarning, check_model_warnings, model_warnings
+from fx_contact.verdict.solution_warnings import warnings_of_state
 
 #: Without contact, an energy norm up to this many times rounding is that of a rigid motion: taken as 0.  Half-spheres
 #: that do not touch, moved by 1e-6 to 1 of their radius, have 0.3 to 0.8 times rounding
@@ -232,7 +233,7 @@ def _assess(
     state, duals = _estimate(settings, start, discrete, solution, system, stages)
     _check_solver(state, tolerance)
     residual = _checked_residual(state, discrete)
-    warnings = [*model_warnings(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
+    warnings = [*warnings_of_state(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
     check_model_warnings(warnings, settings.allow)
     figures = figures_of_contact(state.scene, state.rows, solution, comm)
     resultants = sum_up(state, residual, discrete.load_totals, np.array(figures.contact_centre))

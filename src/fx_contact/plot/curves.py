@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.adaptive_loop import Run
-from fx_contact.adaptive.contact_state import ContactTable
+from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.items.units import labelled

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fx_contact.adaptive.contact_line import facet_values
-from fx_contact.adaptive.contact_state import ContactTable
+from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.geometry import hexahedron
 from fx_contact.items.units import labelled

@@ -25,7 +25,7 @@ from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_kind, check_tolerance
 from fx_contact.results.reference_values import ContactReference
 from fx_contact.scene.scene import Scene, check_scene
-from fx_contact.verdict.validity import REFUSED
+from fx_contact.verdict.model_warning import REFUSED
 
 
 @dataclass(frozen=True)

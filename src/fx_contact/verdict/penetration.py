@@ -16,7 +16,7 @@ from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArr
 from fx_contact.parallel.box_search import Boxes, meeting_boxes
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.scene.scene import Scene
-from fx_contact.verdict.validity import ModelWarning, Point
+from fx_contact.verdict.model_warning import ModelWarning, Point
 
 #: Least penetration, relative to the largest displacement, and at most relative to the side of the leaf facet, since
 #: bodies may move by many of them [-].  The surface beside a sharp-edged punch that goes 0.05 deep is drawn below it by

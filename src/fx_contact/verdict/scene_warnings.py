@@ -8,7 +8,7 @@ from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
 from fx_contact.scene.mirrors import mirror_group
 from fx_contact.scene.scene import Scene
-from fx_contact.verdict.validity import LARGE, MISSED, ModelWarning
+from fx_contact.verdict.model_warning import LARGE, MISSED, ModelWarning
 
 
 def warnings_of(scene: Scene) -> list[ModelWarning]:

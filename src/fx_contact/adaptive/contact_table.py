@@ -3,7 +3,7 @@
 import csv
 import weakref
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ _HEAD = ("x", "y", "z", "normal x", "normal y", "normal z", "pressure", "gap", "
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactTable:
-    """All contact nodes, a row each, sorted by contact pair and node: the same on any number of ranks.
+    """Contact nodes, a row each: of a step those that this rank owns; gathered all, sorted by contact pair and node.
 
     Attributes:
         points: (n, 3), undeformed positions on the first surface [m].
@@ -33,6 +33,9 @@ class ContactTable:
         active: (n,), closed nodes.
         pair: (n,), number of the contact pair in the scene.
         names: of the scene's contact pairs, as `ContactPair.name`.
+        key: (n,), lattice key of the node on the first surface.
+        comm: of the ranks that have the rows, each row on one.
+        facets: of the step, on the first surface of a contact by its index, as long as it is there; None: gathered.
     """
 
     points: FloatArray
@@ -43,12 +46,19 @@ class ContactTable:
     active: BoolArray
     pair: Int32Array
     names: tuple[str, ...]
+    key: Int64Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    comm: MPI.Intracomm = field(default_factory=lambda: MPI.COMM_SELF)
+    facets: "weakref.ref[Callable[[int], FacetValues]] | None" = None
 
     def __len__(self) -> int:
         return len(self.points)
 
     def __repr__(self) -> str:
-        return _summary("contact", self)
+        what = "contact" if self.facets is None else "contact on this rank alone"
+        return (
+            f"{what}: {len(self):,} contact nodes, {int(self.active.sum()):,} closed\n"
+            f"  force {self.force.sum():.6g}, largest pressure {self.pressure.max(initial=0.0):.5g}"
+        )
 
     def to_csv(self, path: str | Path) -> Path:
         """Write a line for each contact node, below a line of headings; numbers with all digits, closed as 1 or 0.
@@ -73,32 +83,18 @@ class ContactTable:
             raise OutputError(f"cannot write {str(path)!r}: {error}; name another file") from error
         return path
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ContactState(ContactTable):
-    """A ContactTable of the contact nodes that this rank owns, in any order; each is on one rank.
-
-    Attributes:
-        key: (n,), lattice key of the node on the first surface.
-        facets: of the step, on the first surface of a contact by its index, as long as the step is there.
-    """
-
-    key: Int64Array
-    comm: MPI.Intracomm
-    facets: "weakref.ref[Callable[[int], FacetValues]]"
-
-    def __repr__(self) -> str:
-        return _summary("contact on this rank alone", self)
-
     @collective("self.comm")
-    def gathered(self) -> ContactTable | None:
-        """The contact nodes of all ranks in one table on rank 0, None on the others.  Collective on comm."""
-        names = ["key", *(one.name for one in fields(ContactTable) if one.name != "names")]
+    def gathered(self) -> "ContactTable | None":
+        """The contact nodes of all ranks in one table on rank 0, the same on any number of ranks; None on the others.
+
+        Collective on comm.
+        """
+        names = [one.name for one in fields(self) if one.name not in ("names", "comm", "facets")]
         parts = self.comm.gather({name: getattr(self, name) for name in names}, root=0)
         if parts is None:
             return None
         columns = {name: np.concatenate([part[name] for part in parts]) for name in names}
-        order = np.lexsort((columns.pop("key"), columns["pair"]))
+        order = np.lexsort((columns["key"], columns["pair"]))
         return ContactTable(**{name: column[order] for name, column in columns.items()}, names=self.names)
 
     @collective("self.comm")
@@ -117,7 +113,7 @@ class ContactState(ContactTable):
         """
         line = check_line(start, end)
         with together(self.comm):
-            of_step = self.facets()
+            of_step = None if self.facets is None else self.facets()
             if of_step is None:
                 raise SceneError("a line needs the step of the contact, which is gone: keep it while you ask for it")
         distance = np.linalg.norm(self.points - (line[0] + 0.5 * line[2] * line[1]), axis=1)
@@ -127,11 +123,3 @@ class ContactState(ContactTable):
             raise SceneError("the scene has no contact pairs, so there is no contact along a line")
         _, _, pair, normal = min(known, key=lambda one: one[:2])
         return cut_line(self.comm, of_step(int(pair)), line, normal)
-
-
-def _summary(what: str, rows: ContactTable) -> str:
-    """Two lines on contact nodes."""
-    return (
-        f"{what}: {len(rows):,} contact nodes, {int(rows.active.sum()):,} closed\n"
-        f"  force {rows.force.sum():.6g}, largest pressure {rows.pressure.max(initial=0.0):.5g}"
-    )

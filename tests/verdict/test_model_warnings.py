@@ -27,11 +27,11 @@ from fx_contact import (
 )
 from fx_contact import block as brick
 from fx_contact import root_mesh_from_shapes, solve
-from fx_contact.estimate.goal_errors import GoalRecord
 from fx_contact.fem.cell_strain import cell_strains
 from fx_contact.results.report import model_warnings
 from fx_contact.scenes import hertz, indentation, punch, shrink_fit, stack
-from fx_contact.verdict.validity import ModelWarning, _place_of_largest, growing_pressures, load_warnings
+from fx_contact.verdict.model_warning import ModelWarning
+from fx_contact.verdict.solution_warnings import _place_of_largest, load_warnings
 
 #: Without lateral strain, so that strains are known.
 MATERIAL = Material(young=1.0, poisson=0.0)
@@ -315,28 +315,6 @@ def test_sliding_of_a_round_contact():
         held = Dirichlet("bottom", 0.0, 0.0, 0.0), Dirichlet("top", x, 0.0, -0.05)
         results.append(warned(replace(scene, dirichlet=held), degree=2))
     assert not results[0] and 0.01 < results[1]["sliding"].limit < 0.03, results
-
-
-@pytest.mark.parametrize(
-    "values, warned_of",
-    [
-        ([0.5, 1.0, 1.1, 1.21, 1.34], True),
-        ([1.0, 1.1, 1.21], False),
-        ([1.0, 1.1, 1.21, 1.23], False),
-        ([1.0, 1.1, 1.2, 1.1], False),
-    ],
-)
-def test_growing_pressures(values, warned_of):
-    """More than 2.5 % on each of three refinements, of 5 % allowed; not if it is reached, or nothing is estimated."""
-    goals, name = (MaxPressure("one on other", 0.05),), "largest pressure"
-    records = [(GoalRecord(name, value, 0.3 * value, 0.05 * value, 0.05, False),) for value in values]
-    found = growing_pressures(goals, [(), *records])
-    assert [warning.kind for warning in found] == ["growing pressure"] * warned_of
-    if warned_of:
-        assert found[0].place == "one on other" and 0.09 < found[0].value < 0.11 and found[0].limit == 0.025
-    assert not growing_pressures(goals, [*records[:-1], (replace(records[-1][0], reached=True),)])
-    assert not growing_pressures(goals, [(replace(record, error=None),) for (record,) in records])
-    assert not growing_pressures((), [()] * len(records))
 
 
 def test_the_largest_pressure_at_a_corner_grows():

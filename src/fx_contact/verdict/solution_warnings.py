@@ -1,4 +1,4 @@
-"""Assumptions of the model that a solution may violate: linear elasticity, contact between facing nodes.
+"""Model warnings of a solution: violated assumptions of linear elasticity and of contact between facing nodes.
 
 Strain and rotation. Of E = (grad u + grad u^T + grad u^T grad u) / 2 linear elasticity keeps the linear part and omits
 a share of |grad u| / 2. The largest strain grows without bound at the edge of a punch when the mesh is refined. The
@@ -8,21 +8,13 @@ The rotation, weighted by the volume, is that of a rigid or a bent body.
 Sliding. The pairing of nodes is valid for sliding that is small against the length on which the gap changes: the
 radius of the contact, or of parallel surfaces.  A body that slides in another one of the same curvature turns: its
 large rotation is found first.
-
-Largest pressure. At a sharp edge it is infinite, and grows on each finer mesh.
 """
-
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.row_kinds import kinds_of
-from fx_contact.estimate.goal_errors import GoalRecord
-from fx_contact.estimate.quantities import MaxPressure, Quantity
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.cell_strain import cell_strains
 from fx_contact.fem.external_forces import finer_totals
@@ -32,30 +24,16 @@ from fx_contact.geometry.lattice import SIDE
 from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.items.boundary_conditions import BodyForce
 from fx_contact.parallel.arrays import FloatArray
-from fx_contact.parallel.errors import ValidityError
-from fx_contact.parallel.validation import as_tuple, check_name, percent
+from fx_contact.parallel.validation import percent
 from fx_contact.scene.scene import Scene
+from fx_contact.verdict.model_warning import LARGE, MISSED, ModelWarning, Point
 
-Point: TypeAlias = tuple[float, float, float]
-
-#: Limit of strain and rotation: 2.5 % of it, or of the stress, is omitted.
-LARGE = 0.05
-#: Kinds of warnings that are errors from these values on, unless they are allowed: 25 % is omitted.
-REFUSED = {"large strain": 0.5, "large rotation": 0.5, "no load": 0.0}
 #: Limit of the sliding of closed rows, relative to the radius of the contact [-].
 SLIDING = 0.1
 #: Limit of the initial overlap, relative to the thinner of the two bodies: as much strain as `LARGE` [-].
 INITIAL_OVERLAP = 0.05
-#: Limit of the part of a load that the mesh misses [-].
-MISSED = 0.01
 #: Limit of the part of the smaller of two tied surfaces that faces nothing: the tied section is so much smaller [-].
 UNCOVERED = 0.1
-#: Refinements for a largest pressure after each of which it has grown by more than half of its tolerance.  At a corner
-#: of a cube it grows by 61 % with each level; below a rounded edge it grew once, by 19 % (studies/goals).
-GROWTHS = 3
-#: The same growth of the largest pressure of all contacts, without a goal [-].  Under a stamp with sharp edges it grows
-#: by 17 % or more on most meshes, of round contact by less than 1 % from 28 closed pairs on (studies.goals.pressures).
-GROWTH = 0.05
 #: Largest initial overlap of touching bodies, relative to the size of all [-]; spheres of order 3 have 2.5e-9.
 _TOUCHING = 1e-8
 #: Largest standard deviation of the initial gap of parallel surfaces over the approach [-]; of spheres it is 0.14.
@@ -64,45 +42,6 @@ _PARALLEL = 0.01
 _SAMPLES = 8
 #: Relative difference by rounding.
 _SAME = 1e-6
-
-
-@dataclass(frozen=True)
-class ModelWarning:
-    """A violated modelling assumption.
-
-    Attributes:
-        kind: "large strain", "large rotation", "sliding", "no contact", "initial overlap", "unresolved load",
-            "growing pressure", "uncovered", "oblique direction", "penetration", "no load", "zero load", "held load",
-            "load on contact" or "free on a plane".
-        value: found, in the unit that the message says.
-        limit: exceeded by the value; for "no contact" and "no load" reached.
-        place: a point, undeformed [m], or the name of a body, a surface or the scene.
-        message: a sentence with all of it.
-    """
-
-    kind: str
-    value: float
-    limit: float
-    place: Point | str
-    message: str
-
-
-def checked_kinds(allow: str | Sequence[str]) -> tuple[str, ...]:
-    """Kinds of warnings to allow, or one, as a tuple.  Local.  Raises SceneError unless they are keys of `REFUSED`."""
-    kinds = as_tuple("allow, the kinds of warnings,", allow, str)
-    for kind in kinds:
-        check_name("kind of warnings to allow", kind, REFUSED)
-    return kinds
-
-
-def check_model_warnings(warnings: Sequence[ModelWarning], allow: Sequence[str]) -> None:
-    """Raises ValidityError if a warning is an error by `REFUSED`, and its kind is not allowed.  Local."""
-    for warning in warnings:
-        if warning.kind not in allow and warning.value >= REFUSED.get(warning.kind, np.inf):
-            kind = repr(warning.kind)
-            raise ValidityError(
-                f"{warning.message}; allow=({kind},), or --allow {kind} of a demo, goes on all the same"
-            )
 
 
 def load_warnings(scene: Scene) -> list[ModelWarning]:
@@ -132,7 +71,7 @@ def _initial_overlap(scene: Scene) -> float:
     return deepest
 
 
-def model_warnings(state: SolvedState, load_totals: FloatArray) -> list[ModelWarning]:
+def warnings_of_state(state: SolvedState, load_totals: FloatArray) -> list[ModelWarning]:
     """All violated assumptions of a solution, the same on all ranks.
 
     Collective on state.forest.comm.  Raises SceneError for a function of a load that is not finite somewhere.
@@ -148,50 +87,6 @@ def model_warnings(state: SolvedState, load_totals: FloatArray) -> list[ModelWar
         warnings += _sliding(state, rows) + _initial_overlaps(state, rows) if closed else [_no_contact(state, rows)]
         warnings += [*_cut_off(state, rows), *_oblique(state, rows)]
     return warnings + _uncovered_ties(state.scene) + _unresolved_loads(state, load_totals)
-
-
-def growing_pressures(goals: Sequence[Quantity], records: Sequence[Sequence[GoalRecord]]) -> list[ModelWarning]:
-    """Largest pressures, of goals that are not reached, that have grown on each of the last meshes.  Local.
-
-    Args:
-        records: of the goals, of each step so far; steps before a restart may lack some, and those without an
-            estimated error do not count.
-    """
-    warnings = []
-    for index, goal in enumerate(goals):
-        found = [record[index] for record in records if index < len(record)]
-        judged = [record for record in found if record.error is not None]
-        values, limit = [record.value for record in judged[-GROWTHS - 1 :]], float(goal.tolerance) / 2
-        if not isinstance(goal, MaxPressure) or len(values) <= GROWTHS or judged[-1].reached:
-            continue
-        growth = min(new / old - 1 for old, new in zip(values, values[1:]))
-        if growth > limit:
-            message = (
-                f"the {goal.name} has grown by {growth:.0%} or more on each of the last {GROWTHS} meshes, "
-                f"from {values[0]:.4g} to {values[-1]:.4g}: at a sharp edge it is infinite; limit {limit:.1%}"
-            )
-            warnings.append(ModelWarning("growing pressure", growth, limit, goal.pair, message))
-    return warnings
-
-
-def growing_pressure(scene: Scene, goals: Sequence[Quantity], pressures: Sequence[float]) -> list[ModelWarning]:
-    """A largest pressure of all contacts that has grown on each of the last meshes, without a goal for one.  Local.
-
-    Args:
-        pressures: largest one of each step so far [Pa].
-    """
-    values = pressures[-GROWTHS - 1 :]
-    if len(values) <= GROWTHS or not all(values) or any(isinstance(goal, MaxPressure) for goal in goals):
-        return []
-    growth = min(new / old - 1 for old, new in zip(values, values[1:]))
-    if growth <= GROWTH:
-        return []
-    message = (
-        f"the largest contact pressure has grown by {growth:.0%} or more on each of the last {GROWTHS} meshes, from "
-        f"{values[0]:.4g} to {values[-1]:.4g}: no tolerance controls it, and at a sharp edge it is infinite; limit "
-        f"{GROWTH:.0%}; a goal MaxPressure estimates its error"
-    )
-    return [ModelWarning("growing pressure", growth, GROWTH, scene.name, message)]
 
 
 def _large_deformations(state: SolvedState) -> list[ModelWarning]:
