@@ -40,7 +40,6 @@ from fx_contact.parallel.errors import (
     ValidityError,
 )
 from fx_contact.parallel.meeting import expect_end
-from fx_contact.parallel.validation import named_arguments
 from fx_contact.path.load_path import Sweep, SweepPoint, sweep
 from fx_contact.path.sweep_record import SweepRecord
 from fx_contact.scene.scene import Scene
@@ -121,6 +120,4 @@ __all__ = [
     "sweep_side",
 ]
 
-for _name in __all__:
-    named_arguments(globals()[_name])
 expect_end()
