@@ -1,8 +1,5 @@
 """Adaptive 3D contact mechanics on FEniCSx: elastic bodies pressed together to a prescribed accuracy, in parallel."""
 
-import warnings
-from typing import Any
-
 from fx_contact.adaptive.adaptive_loop import Run, adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
@@ -42,8 +39,8 @@ from fx_contact.parallel.errors import (
     SolveError,
     ValidityError,
 )
+from fx_contact.parallel.former import former_names
 from fx_contact.parallel.meeting import expect_end
-from fx_contact.parallel.validation import named_arguments
 from fx_contact.path.load_path import LoadPath, SweepPoint, increments, sweep
 from fx_contact.path.sweep_record import SweepRecord
 from fx_contact.scene.scene import Scene
@@ -124,18 +121,8 @@ __all__ = [
     "sweep_side",
 ]
 
-#: Former names, removed in the next version.
-_FORMER = {"ContactState": "ContactTable", "Sweep": "LoadPath"}
-
-
-def __getattr__(name: str) -> Any:
-    """A former name, with a warning."""
-    if name not in _FORMER:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    warnings.warn(f"{name} is now {_FORMER[name]}", DeprecationWarning, stacklevel=2)
-    return globals()[_FORMER[name]]
-
-
-for _name in __all__:
-    named_arguments(globals()[_name])
+__getattr__ = former_names(
+    __name__,
+    {"ContactState": "fx_contact.adaptive.contact_table.ContactTable", "Sweep": "fx_contact.path.load_path.LoadPath"},
+)
 expect_end()

@@ -129,7 +129,7 @@ def answer(call):
     """Kind of the answer to a call, and its words: an error, doubts of a scene or a step, or none."""
     try:
         value = eval(call, dict(NAMES))
-    except FxContactError as error:
+    except (FxContactError, TypeError) as error:
         return type(error).__name__, str(error)
     doubts = warnings_of(value) if isinstance(value, Scene) else value.record.doubts or ()
     return ("doubt", ", ".join(one.kind for one in doubts)) if doubts else ("works", "")

@@ -23,14 +23,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact.parallel.errors import CallError
-from fx_contact.parallel.validation import check_arguments
 
-#: Waiting time after which late ranks are named, and time for the waiting ranks to notify each other after that [s].
-_PATIENCE, _PROMPT = 30.0, 1.0
+#: Waiting time after which the first two ranks, or one of them, tell that they wait [s].
+_PATIENCE = 30.0
 #: Waiting time of a rank that failed alone before it aborts all, since others may wait for it inside a call [s].
 _GRACE = 10.0
-#: Tag of the notices of waiting ranks.
-_WAITING = 1203
 #: Name of the last meeting of a rank, when its program ends.
 _END = "the end of the program"
 
@@ -45,8 +42,6 @@ R = TypeVar("R")
 def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Decorator of a collective function.  Raises CallError on all ranks unless all of them call it.
 
-    Raises SceneError for an argument by name that the function does not have (`check_arguments`).
-
     Calls differ if their names or the numbers of their Steps do.  Nested calls and calls on one rank have no meeting.
 
     Args:
@@ -58,8 +53,7 @@ def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]],
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         """The function, which checks its calls."""
         name = what or function.__qualname__.removesuffix(".__init__")
-        signature = inspect.signature(function)
-        parameters = signature.parameters
+        parameters = inspect.signature(function).parameters
         place, default = list(parameters).index(argument), parameters[argument].default
 
         @wraps(function)
@@ -70,7 +64,6 @@ def collective(comm: str, what: str | None = None) -> Callable[[Callable[P, R]],
             for attribute in attributes:
                 found = getattr(found, attribute, None)
             with calling(found, name if step is None else f"{name} of step {step}"):
-                check_arguments(name, signature, args, kwargs)
                 return function(*args, **kwargs)
 
         return call
@@ -95,12 +88,9 @@ def calling(comm: Any, what: str) -> Iterator[None]:
         yield
     except (Exception, SystemExit) as error:
         meetings.begin(f"an error in {what}")
-        if not _wait([meetings], _GRACE):
+        if not _completed([meetings], _GRACE):
             traceback.print_exception(error)
             _abort(f"{what} has failed on it alone")
-        raise
-    except BaseException:  # an interrupt: the others may be anywhere
-        meetings.interrupted = True
         raise
     finally:
         meetings.inside = False
@@ -122,11 +112,9 @@ def leave(error: BaseException | None = None) -> None:
     error = error or getattr(sys, "last_value", None)
     what = f"{_END} by {type(error).__name__}" if error else _END
     left = [meetings for meetings in _all if not meetings.ended]
-    if any(meetings.interrupted for meetings in left):
-        _abort("it was interrupted inside a call that all ranks must make")
     for meetings in left:
         meetings.begin(what)
-    if not _wait(left, _GRACE if error else np.inf):
+    if not _completed(left, _GRACE if error else np.inf):
         _abort(f"it has come to {what}, and others do not answer")
 
 
@@ -157,69 +145,53 @@ class Meetings:
     Attributes:
         link: duplicate of the communicator for messages of this package.
         inside: this rank is inside a call agreed by all.
-        interrupted: in a call or a meeting, so that the state of the other ranks is unknown.
         ended: the program of a rank has ended; there are no more meetings.
         turns: number of exchanges over `link` so far.
     """
 
     def __init__(self, comm: MPI.Intracomm) -> None:
-        self.link, self.turns, self._number = comm.Dup(), 0, 0
-        self.inside, self.interrupted, self.ended = False, False, False
+        self.link, self.turns, self.inside, self.ended = comm.Dup(), 0, False, False
+        self._begun: list[MPI.Request] = []  # several if an interrupt has ended the wait for one
         self._difference = ""  # between the calls of the last meeting, as a sentence
 
     def agree(self, what: str) -> None:
         """Raises CallError unless all ranks make the same call.  Collective on comm."""
         if not self.ended:
-            self.interrupted = True
             self.begin(what)
-            _wait([self], name_late=True)
-            self.interrupted = False
+            if not _completed([self], _PATIENCE):
+                if self.link.rank < 2:
+                    _LOG.warning(
+                        "rank %d waits in %s since %g s: all ranks must make it", self.link.rank, what, _PATIENCE
+                    )
+                _completed([self])
         if self._difference:
             raise CallError(self._difference)
 
     def begin(self, what: str) -> None:
         """Begin a meeting.  Local; the meeting ends when `completed` is True."""
-        self._what, self._lowest, self._notices = what, np.empty(2, dtype=np.int64), list[MPI.Request]()
-        checksum = zlib.crc32(what.encode())
-        self._request = self.link.Iallreduce(np.array([checksum, -checksum]), self._lowest, MPI.MIN)
+        self._what, self._lowest, checksum = what, np.empty(2, dtype=np.int64), zlib.crc32(what.encode())
+        self._begun.append(self.link.Iallreduce(np.array([checksum, -checksum]), self._lowest, MPI.MIN))
 
     def completed(self) -> bool:
         """Test for completion, which determines the difference of the calls."""
-        if not self._request.Test():
-            return False
-        alike = self._lowest.sum() == 0  # the lowest checksum is the highest one
-        calls = [self._what] if alike else self.link.allgather(self._what)
-        self._difference = "" if alike else _sentence(calls)
-        self._number, self.ended = self._number + 1, any(what.startswith(_END) for what in calls)
-        return True
-
-    def name_late(self, waited: float) -> bool:
-        """After long waiting [s] notify the other ranks; the lowest waiting rank then names the rest.  True: done."""
-        rank, others = self.link.rank, set(range(self.link.size)) - {self.link.rank}
-        if not self._notices and waited > _PATIENCE:
-            self._notices = [self.link.isend(self._number, other, _WAITING) for other in others]
-        if waited <= _PATIENCE + _PROMPT:
-            return False
-        late, status = others, MPI.Status()
-        while self.link.Iprobe(MPI.ANY_SOURCE, _WAITING, status):
-            if self.link.recv(source=status.source, tag=_WAITING) == self._number:
-                late = late - {status.source}
-        if rank < min(others - late, default=rank + 1):
-            since = f"{_ranks(sorted(late))} since {waited:.0f} s: all ranks must make this call"
-            _LOG.warning("waiting in %s for %s", self._what, since)
-        return True
+        if self._begun and MPI.Request.Testall(self._begun):
+            self._begun.clear()
+            alike = self._lowest.sum() == 0  # the lowest checksum is the highest one
+            calls = [self._what] if alike else self.link.allgather(self._what)
+            self._difference = "" if alike else _sentence(calls)
+            self.ended = any(what.startswith(_END) for what in calls)
+        return not self._begun
 
 
-def _wait(meetings: list[Meetings], limit: float = np.inf, name_late: bool = False) -> bool:
+def _completed(meetings: list[Meetings], limit: float = np.inf) -> bool:
     """Wait for the completion of meetings, up to a limit [s]; True if all are completed."""
-    start, named = time.monotonic(), not name_late
-    while meetings := [one for one in meetings if not one.completed()]:
+    start = time.monotonic()
+    while not all([one.completed() for one in meetings]):
         waited = time.monotonic() - start
         if waited > limit:
             return False
         if waited > 1e-4:  # the intervals grow by a tenth, and leave the processor to others
             time.sleep(min(waited / 10, 0.05))
-            named = named or meetings[0].name_late(waited)
     return True
 
 

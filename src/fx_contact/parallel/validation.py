@@ -3,12 +3,9 @@
 All are local: the value is the same on all ranks, or the caller raises on all of them.
 """
 
-import inspect
 import os
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import is_dataclass
+from collections.abc import Collection, Sequence
 from difflib import get_close_matches
-from functools import wraps
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -107,33 +104,6 @@ def nearest(name: object, names: Collection[str]) -> str:
     longer = [one for one in names if name and one.startswith(name)]
     near = longer if len(longer) == 1 else get_close_matches(name, names, 1)
     return f"; did you mean {near[0]!r}?" if near else ""
-
-
-def check_arguments(called: str, signature: inspect.Signature, args: Sequence[Any], named: Mapping[str, Any]) -> None:
-    """Raises SceneError if a call cannot be made for an argument by name that it does not have."""
-    names = [one.name for one in signature.parameters.values() if one.kind != one.VAR_KEYWORD and one.name != "self"]
-    if named.keys() <= {*names}:
-        return
-    try:
-        signature.bind(*args, **named)
-    except TypeError:
-        for name in named:
-            check_name(f"argument of {called}", name, names, "it has")
-
-
-def named_arguments(cls: type) -> None:
-    """Let a dataclass check its arguments by name; other classes stay as they are.  Raises SceneError then."""
-    if is_dataclass(cls):
-        make = vars(cls)["__init__"]
-        signature = inspect.signature(make)
-
-        @wraps(make)
-        def init(self: Any, *args: Any, **named: Any) -> None:
-            """The constructor, after the check."""
-            check_arguments(cls.__name__, signature, (self, *args), named)
-            make(self, *args, **named)
-
-        setattr(cls, "__init__", init)
 
 
 def check_label(what: str, value: object) -> None:

@@ -26,15 +26,7 @@ from fx_contact.parallel.arrays import FloatArray, Int8Array
 from fx_contact.parallel.errors import CheckpointError, PartitionError, SceneError
 from fx_contact.parallel.meeting import calling, collective
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import (
-    as_path,
-    check_arguments,
-    check_comm,
-    check_number,
-    check_tolerance,
-    percent,
-    shown,
-)
+from fx_contact.parallel.validation import as_path, check_comm, check_number, check_tolerance, percent, shown
 from fx_contact.path.sweep_record import SweepRecord, write_sweep
 from fx_contact.scene.fingerprint import same_mesh
 from fx_contact.scene.scene import Scene, check_scene
@@ -116,7 +108,7 @@ def _load_path(
         if not callable(scene_of):
             raise SceneError(f"scene_of must be a function of a value that gives a Scene, got {shown(scene_of)}")
         points = _checked(values)
-        check_arguments("adapt", signature(adapt), (scene_of, tolerance), options)
+        signature(adapt).bind(scene_of, tolerance, **options)  # TypeError for one that it does not have
         check_tolerance("the tolerance", tolerance)
         for name in ("checkpoint", "restart"):
             if name in options:
