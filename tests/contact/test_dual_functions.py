@@ -148,7 +148,7 @@ def wave(positions):
 
 
 @pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("order", [2, 3, 6])
+@pytest.mark.parametrize("order", [2, 6])
 @pytest.mark.parametrize("shells", [False, True])
 def test_round_surfaces(degree, order, shells):
     """A ball in a hollow ball, either first: errors fall with h."""

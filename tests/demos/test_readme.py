@@ -185,8 +185,10 @@ def smaller_block(code):
 
 TEXTS = {page: (TOP / page).read_text() for page in PAGES}
 COMMANDS = [command for text in TEXTS.values() for command in commands(text)]
-#: Programs by page; `test_examples` runs those of the examples, as printed.
-BLOCKS = [p for page, text in TEXTS.items() for p in programs(page, text) if not page.startswith("docs/examples/")]
+#: Pages whose programs `test_examples` runs, as printed.
+EXAMPLES = "docs/examples/", "docs/howto/preload.md"
+#: Programs by page.
+BLOCKS = [p for page, text in TEXTS.items() for p in programs(page, text) if not page.startswith(EXAMPLES)]
 #: Most characters of a line of code that the documentation shows without scrolling.
 WIDTH = 88
 #: Programs of the README that show what they print, and what that is.
