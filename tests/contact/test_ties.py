@@ -32,7 +32,7 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.geometry.shapes import join, root_mesh_from_shapes
 from fx_contact.geometry.solids import block
-from fx_contact.law import contact_solver
+from fx_contact.law import active_set
 from fx_contact.scene.fingerprint import scene_parts
 
 all_ranks = pytest.mark.ranks(1, 2, 3)
@@ -337,7 +337,7 @@ def test_ties_are_no_contact(degree, monkeypatch):
     assert len(record.pair_errors) == 1 and two.contact.names == ("stamp bottom on high seat",)
     (section,) = of_kind(two, "tie").values()
     assert np.abs(section[:3] - [0, 0, 0.01]).max() < 1e-10  # the lower layer holds the upper one
-    monkeypatch.setattr(contact_solver, "_UPDATES", 1)
+    monkeypatch.setattr(active_set, "_UPDATES", 1)
     again = next(adapt(stamp(True), 0.9, degree=degree, solver=TIGHT))
     assert again.record.contact_iterations > record.contact_iterations
     assert np.allclose(again.solution.displacement, two.solution.displacement, rtol=0, atol=1e-10)

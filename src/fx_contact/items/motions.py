@@ -113,7 +113,9 @@ class FaceMotion(Motion):
 
     def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
         """As `Motion.rates`."""
-        return -self.basis.T @ np.einsum("mni,ni->mn", rigid_motions(positions, self.centroid, self.size), normals)
+        return -self.basis.T @ np.einsum(
+            "mni,ni->mn", rigid_displacements(positions, self.centroid, self.size), normals
+        )
 
     def entry(self, t: FloatArray) -> list[float]:
         """(t, r) of the load's point, six numbers [m], [rad]."""
@@ -121,7 +123,7 @@ class FaceMotion(Motion):
         return [float(value) for value in (*(shift + np.cross(turn, self.lever)), *turn)]
 
 
-def rigid_motions(points: FloatArray, centre: FloatArray, size: float) -> FloatArray:
+def rigid_displacements(points: FloatArray, centre: FloatArray, size: float) -> FloatArray:
     """Three translations, and three rotations about a centre by 1 / size, of points (n, 3): (6, n, 3) [-]."""
     translations = np.broadcast_to(np.eye(3)[:, None], (3, len(points), 3))
     return np.concatenate([translations, np.cross(np.eye(3)[:, None], (points - centre) / size)])

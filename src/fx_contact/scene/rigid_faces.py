@@ -7,7 +7,7 @@ import numpy as np
 
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.contact import Coupling
-from fx_contact.items.motions import FaceMotion, rigid_motions
+from fx_contact.items.motions import FaceMotion, rigid_displacements
 from fx_contact.items.rigid_loads import RigidLoad
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
@@ -80,11 +80,11 @@ def rigid_face(
     if np.nan_to_num(prescribed[nodes]).any():
         raise SceneError(f"{load.what} and a condition both move nodes: let them share none, or hold those at 0")
     size = float(np.linalg.norm(mesh.points[nodes] - centroid, axis=1).max())
-    motions = rigid_motions(mesh.points[nodes], centroid, size)
+    motions = rigid_displacements(mesh.points[nodes], centroid, size)
     held = [motions[:, ~np.isnan(prescribed[nodes, axis]), axis] for axis in range(3)]
     for surface, normal in planes:
         on = nodes[np.isin(nodes, mesh.nodes_of(surface))][:1]
-        held.append(rigid_motions(_around(mesh.points[on], normal, size), centroid, size) @ normal)
+        held.append(rigid_displacements(_around(mesh.points[on], normal, size), centroid, size) @ normal)
     all_held = np.concatenate(held, axis=1)
     values, vectors = np.linalg.eigh(all_held @ all_held.T)
     basis = vectors[:, values <= _ROUNDING[0] * max(values[-1], 1.0)]
