@@ -17,10 +17,10 @@ pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="a demo is a process of i
 
 
 def is_short(path):
-    """At most 70 lines beside the imports."""
+    """At most 69 lines beside the imports: 75 with those of a demo that takes six for them."""
     text = path.read_text()
     imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, (ast.Import, ast.ImportFrom))]
-    return len(text.splitlines()) - sum(node.end_lineno - node.lineno + 1 for node in imports) <= 70
+    return len(text.splitlines()) - sum(node.end_lineno - node.lineno + 1 for node in imports) <= 69
 
 
 def last_record(name, folder, *options):

@@ -295,7 +295,7 @@ def test_the_mean_of_large_pressures_is_a_functional_of_the_forces(degree):
 def test_the_largest_pressure_is_refined_for():
     """Hertz: where the energy is met it is off by several times what is asked for; then it is right to that.
 
-    The energy of bodies is met on cells as large as half of the contact, on which the pressure is at few nodes.
+    The energy is met on cells wider than the contact radius: of a quarter four nodes are closed.
     """
     known, goal = REFERENCES["hertz-a"]().max_pressure, MaxPressure(POLES, 0.03)
     steps = [step.record for step in adapt(hertz(order=6, coarse=2), 0.5, goals=(goal,))]
