@@ -53,7 +53,7 @@ def once(scene, goals, comm=WORLD, **options):
 
 
 def test_effectivity_at_degree_2():
-    """Hertz: errors of force, reaction, largest pressure, of a gap and a displacement: 0.5 to 6 times the true ones."""
+    """Hertz: errors of force, reaction, largest pressure, a gap and a displacement, 0.5 to 10 times the true ones."""
     beside, inside = Gap(POLES, (0.2, 0.0, 0.0), ANY), Displacement((0.0, 0.0, 0.5), (0, 0, -1), ANY)
     force, pressure, reaction = ContactForce(POLES, 0.05), MaxPressure(POLES, 0.1), Reaction("top", 0.05)
     known, scene = REFERENCES["hertz-a"](), hertz(order=6, coarse=2)
@@ -63,7 +63,7 @@ def test_effectivity_at_degree_2():
     assert abs(record.goals[0].value / record.force - 1) < 1e-12
     values = known.force, -known.force, known.max_pressure, *finer
     for goal, true in zip(record.goals, values):
-        assert 0.5 < goal.error / abs(goal.value - true) < 6, goal
+        assert 0.5 < goal.error / abs(goal.value - true) < 10, goal
 
 
 def test_a_goal_is_refined_for():
