@@ -24,10 +24,11 @@ from fx_contact import (
     Traction,
     ValidityError,
     adapt,
+    root_mesh_from_shapes,
+    solve,
 )
-from fx_contact import block as brick
-from fx_contact import root_mesh_from_shapes, solve
 from fx_contact.fem.cell_strain import cell_strains
+from fx_contact.geometry.solids import block as brick
 from fx_contact.results.report import model_warnings
 from fx_contact.scenes import hertz, indentation, punch, shrink_fit, stack
 from fx_contact.verdict.model_warning import ModelWarning
