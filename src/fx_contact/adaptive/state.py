@@ -17,7 +17,7 @@ from fx_contact.parallel.arrays import Int8Array
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What a run continues from.
+    """State of a run between two meshes.
 
     Attributes:
         fields: "displacement", solved or a first guess [m]; `step_solver.HISTORY`, that of the point before in a load

@@ -86,7 +86,7 @@ class MatrixPenalty:
         return jump.matrix is not self._jump.matrix or any_true(jump.comm, self.stiffness != stiffness)
 
     def equations(self, jump: Jump, load: FloatArray, stiffness: FloatArray, projector: Projector) -> Equations:
-        """Those of K + B^T k B for k (n,), with the term's difference to that of the matrix beside the matrix."""
+        """Equations of K + B^T k B for k (n,), whose difference to the matrix is a term beside it."""
         if jump.matrix is not self._jump.matrix:
             former = self._jump.with_gap(np.zeros_like(jump.gap))
             return Equations(

@@ -70,7 +70,7 @@ class NodalFields:
         return self._carried(self.forest, hexahedron.tensor_evaluate((functions,) * 3, self.array))
 
     def refined(self, times: IntArray) -> Self:
-        """The same fields on leaves refined a number of times (n,), as `Forest.refined_with`.  Collective."""
+        """Interpolated fields on leaves refined a number of times (n,), as `Forest.refined_with`.  Collective."""
         return self._carried(*self.forest.refined_with(times, self.array))
 
     def repartitioned(self, kind: str) -> Self:
