@@ -15,7 +15,7 @@ from fx_contact.estimate.effectivity import RefinementHistory
 from fx_contact.estimate.estimator import Estimate
 from fx_contact.estimate.marking import for_tolerance
 from fx_contact.geometry.lattice import SIDE
-from fx_contact.parallel.errors import CheckpointError, SceneError
+from fx_contact.parallel.errors import CheckpointError
 from fx_contact.scenes import indentation, stack
 
 CONTACT, ENERGY = ErrorControl(), ErrorControl("energy")
@@ -283,17 +283,3 @@ def test_reports():
     """A control shows the parameters that it uses."""
     assert repr(ENERGY) == "ErrorControl(mode='energy')"
     assert repr(CONTACT).startswith("ErrorControl(mode='contact', target=0.9, ") and eval(repr(CONTACT)) == CONTACT
-
-
-@pytest.mark.parametrize(
-    "values, message",
-    [
-        ({"mode": "Energy"}, "mode of the error control"),
-        ({"target": 1.1}, "target of the error control must be at most 1"),
-        ({"least_effectivity": 0.0}, "least_effectivity of the error control must be a positive number"),
-    ],
-)
-def test_bad_controls(values, message):
-    """What makes no sense is refused."""
-    with pytest.raises(SceneError, match=message):
-        ErrorControl(**values)
