@@ -59,7 +59,7 @@ def overrefined(scene, degree, most):
         records.append(step.record)
         marked = np.zeros(len(step.forest), dtype=np.int8)
         tolerance, comm = step.record.estimate / 2, step.forest.comm
-        marked[step.leaf_mesh.leaf], loss = for_tolerance(step.estimate, tolerance, 1.0, control, comm)
+        marked[step.leaf_mesh.leaf], loss = for_tolerance(step.estimate, tolerance, 1.0, control.target, comm)
         values = np.concatenate([step.nodal_displacement, step.carried, step.nodal_displacement], axis=2)
         refined = {"error2": step.estimate.error_global**2, "expected_loss": loss, "refined": True}
         beginning = Beginning(*step.forest.refined_with(marked, values), replace(step.history, **refined))

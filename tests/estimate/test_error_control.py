@@ -55,7 +55,7 @@ def test_marking_stops_where_the_tolerance_is_met():
     total = np.sqrt((errors**2).sum())
     for share in (0.95, 0.8):
         mine = spread(errors)
-        marked, lost = for_tolerance(mine, share * total, None, CONTACT, WORLD)
+        marked, lost = for_tolerance(mine, share * total, None, CONTACT.target, WORLD)
         assert 0.85 * share * total < left(mine, marked) <= 0.9 * share * total
         check_loss(mine, marked, lost)
         everywhere(least_marked(mine, marked) > mine.error[marked == 0].max(), "not the largest are marked")
@@ -69,16 +69,16 @@ def test_a_step_that_cannot_suffice_refines_for_the_meshes_to_come(child):
     final = np.sqrt(child) ** np.linspace(0, 1, 1001)  # errors of the cells of such a mesh, over the threshold
     threshold = tolerance / np.sqrt(len(errors)) / np.sqrt(np.mean(final**2))
     mine = spread(errors, child_error=child)
-    marked, _ = for_tolerance(mine, tolerance, 0.5, CONTACT, WORLD)
+    marked, _ = for_tolerance(mine, tolerance, 0.5, CONTACT.target, WORLD)
     least, most = least_marked(mine, marked), mine.error[marked == 0].max(initial=0)
     assert 0.99 * threshold < least < 1.01 * threshold and WORLD.allreduce(int(marked.max()), op=MPI.MAX) == 2
     everywhere(most <= least, "not the largest are marked")
     above = np.arange(3000) % 2 == 0  # of errors at 3 and 1.5 times (2): once only
     two = spread(np.where(above, 3.0, 1.5) * tolerance / np.sqrt(3000), child_error=child)
-    marked, _ = for_tolerance(two, tolerance, 0.1, CONTACT, WORLD)
+    marked, _ = for_tolerance(two, tolerance, 0.1, CONTACT.target, WORLD)
     everywhere(np.array_equal(marked, dealt(above)), "not those above the threshold")
     even = spread(np.full(3000, 1.5 * tolerance / np.sqrt(3000)), child_error=child)  # all below that threshold
-    everywhere((for_tolerance(even, tolerance, 0.1, CONTACT, WORLD)[0] == 1).all(), "no cell of criterion (2)")
+    everywhere((for_tolerance(even, tolerance, 0.1, CONTACT.target, WORLD)[0] == 1).all(), "no cell of criterion (2)")
 
 
 def test_one_step_of_degree_2_aims_at_a_quarter():
@@ -87,10 +87,10 @@ def test_one_step_of_degree_2_aims_at_a_quarter():
     total = np.sqrt((errors**2).sum())
     mine = spread(errors, child_error=1 / 128)
     for share, aim in ((1e-3, 0.25), (0.1, 0.25), (0.6, 0.54)):
-        marked, _ = for_tolerance(mine, share * total, 1.0, CONTACT, WORLD)
+        marked, _ = for_tolerance(mine, share * total, 1.0, CONTACT.target, WORLD)
         assert 0.98 * aim * total < left(mine, marked) <= aim * total
     linear, tolerance = spread(errors, child_error=1 / 32), 0.5 * total  # of which (2) would leave 0.99
-    marked, _ = for_tolerance(linear, tolerance, 1.0, CONTACT, WORLD)
+    marked, _ = for_tolerance(linear, tolerance, 1.0, CONTACT.target, WORLD)
     ratio = least_marked(linear, marked) / (tolerance / np.sqrt(linear.cells))
     assert 1.85 < ratio < 1.95, "not for the meshes to come"
 
@@ -101,7 +101,7 @@ def test_a_lower_threshold_saves_a_solve():
     total = np.sqrt((errors**2).sum())
     mine, tolerance = spread(errors), 0.65 * total
     for rate in (None, 1.0):
-        marked, lost = for_tolerance(mine, tolerance, rate, CONTACT, WORLD)
+        marked, lost = for_tolerance(mine, tolerance, rate, CONTACT.target, WORLD)
         assert 0.85 * tolerance < left(mine, marked) <= 0.9 * tolerance
         check_loss(mine, marked, lost)
         assert 1 < least_marked(mine, marked) / (tolerance / np.sqrt(mine.cells)) < 1.5

@@ -116,5 +116,5 @@ class ErrorControl:
             times, loss = np.ones(len(estimate.error), dtype=np.int8), 0.0
         else:
             rate = history.loss_rate(estimate)
-            times, loss = for_tolerance(estimate, sought, rate, self, comm)
+            times, loss = for_tolerance(estimate, sought, rate, self.target, comm)
         return times, replace(history, error2=square, expected_loss=loss, refined=True)
