@@ -56,7 +56,7 @@ def overrefined(scene, degree, most):
         records.append(step.record)
         marked = np.zeros(len(step.forest), dtype=np.int8)
         tolerance, comm = step.record.estimate / 2, step.forest.comm
-        marked[step.leaf_mesh.leaf] = for_tolerance(step.estimate, tolerance, control, comm)
+        marked[step.leaf_mesh.leaf] = for_tolerance(step.estimate, tolerance, control.target, comm)
         values = np.concatenate([step.nodal_displacement, step.carried, step.nodal_displacement], axis=2)
         beginning = Beginning(*step.forest.refined_with(marked, values))
     for number, record in enumerate(records):

@@ -178,14 +178,14 @@ def test_marking():
     mine = np.array_split(errors, WORLD.size)[WORLD.rank]
     for share in (0.9, 0.5, 0.1, 1e-3):
         allowed = share * errors.sum()
-        times = np.concatenate(WORLD.allgather(for_goal(mine, allowed, 1 / 32, ErrorControl(), WORLD)))
+        times = np.concatenate(WORLD.allgather(for_goal(mine, allowed, 1 / 32, ErrorControl().target, WORLD)))
         assert set(times) <= {0, 1, 2} and times[errors.argmax()] > 0
         assert errors[times > 0].min() >= 0.97 * errors[times == 0].max()
         left = (errors * 0.25 ** times.astype(float)).sum()
         kept = errors[times == 0].sum()
         assert min(left, kept) <= 0.9 * allowed
         assert min(left, kept) >= 0.7 * allowed or (times > 0).sum() < 50
-    assert not for_goal(np.zeros(len(mine)), 0.0, 1 / 32, ErrorControl(), WORLD).any()
+    assert not for_goal(np.zeros(len(mine)), 0.0, 1 / 32, ErrorControl().target, WORLD).any()
 
 
 @pytest.mark.parametrize("load", ["heavy", "pressure"])

@@ -13,7 +13,7 @@ from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.estimate.estimator import Estimate
 from fx_contact.estimate.marking import for_tolerance
 from fx_contact.geometry.lattice import SIDE
-from fx_contact.parallel.errors import CheckpointError, SceneError
+from fx_contact.parallel.errors import CheckpointError
 from fx_contact.scenes import indentation, stack
 
 CONTACT, ENERGY = ErrorControl(), ErrorControl("energy")
@@ -47,7 +47,7 @@ def test_marking_stops_where_the_tolerance_is_met():
     total = np.sqrt((errors**2).sum())
     for share in (0.95, 0.8):
         mine = spread(errors)
-        marked = for_tolerance(mine, share * total, CONTACT, WORLD)
+        marked = for_tolerance(mine, share * total, CONTACT.target, WORLD)
         assert 0.85 * share * total < left(mine, marked) <= 0.9 * share * total
         everywhere(least_marked(mine, marked) > mine.error[marked == 0].max(), "not the largest are marked")
 
@@ -59,7 +59,7 @@ def test_a_step_that_cannot_suffice_refines_for_the_meshes_to_come():
     final = np.sqrt(1 / 32) ** np.linspace(0, 1, 1001)  # errors of the cells of such a mesh, over the threshold
     threshold = tolerance / np.sqrt(len(errors)) / np.sqrt(np.mean(final**2))
     mine = spread(errors)
-    marked = for_tolerance(mine, tolerance, CONTACT, WORLD)
+    marked = for_tolerance(mine, tolerance, CONTACT.target, WORLD)
     least, most = least_marked(mine, marked), mine.error[marked == 0].max(initial=0)
     assert 0.99 * threshold < least < 1.01 * threshold and WORLD.allreduce(int(marked.max()), op=MPI.MAX) == 2
     everywhere(most <= least, "not the largest are marked")
@@ -71,7 +71,7 @@ def test_cells_of_the_criterion_that_cannot_suffice(child):
     place = np.arange(3000) % 20
     for above, expected in ((3.0, place == 0), (1.5, place < 2)):  # of 1.5 alone none is above the threshold
         errors = np.select([place == 0, place == 1], [above, 1.5], 0.97)
-        marked = for_tolerance(spread(errors / np.sqrt(3000), child_error=child), 1.0, CONTACT, WORLD)
+        marked = for_tolerance(spread(errors / np.sqrt(3000), child_error=child), 1.0, CONTACT.target, WORLD)
         everywhere(np.array_equal(marked, dealt(expected)), "not those above the threshold")
 
 
@@ -81,10 +81,10 @@ def test_one_step_of_degree_2_aims_at_a_quarter():
     total = np.sqrt((errors**2).sum())
     mine = spread(errors, child_error=1 / 128)
     for share, aim in ((1e-3, 0.25), (0.1, 0.25), (0.6, 0.54)):
-        marked = for_tolerance(mine, share * total, CONTACT, WORLD)
+        marked = for_tolerance(mine, share * total, CONTACT.target, WORLD)
         assert 0.98 * aim * total < left(mine, marked) <= aim * total
     linear, tolerance = spread(errors, child_error=1 / 32), 0.5 * total  # of which (2) would leave 0.99
-    marked = for_tolerance(linear, tolerance, CONTACT, WORLD)
+    marked = for_tolerance(linear, tolerance, CONTACT.target, WORLD)
     ratio = least_marked(linear, marked) / (tolerance / np.sqrt(linear.cells))
     assert 1.85 < ratio < 1.95, "not for the meshes to come"
 
@@ -94,7 +94,7 @@ def test_a_lower_threshold_saves_a_solve():
     errors = np.geomspace(1e-3, 1e-2, 3000)
     total = np.sqrt((errors**2).sum())
     mine, tolerance = spread(errors), 0.65 * total
-    marked = for_tolerance(mine, tolerance, CONTACT, WORLD)
+    marked = for_tolerance(mine, tolerance, CONTACT.target, WORLD)
     assert 0.85 * tolerance < left(mine, marked) <= 0.9 * tolerance
     assert 1 < least_marked(mine, marked) / (tolerance / np.sqrt(mine.cells)) < 1.5
 
@@ -218,17 +218,3 @@ def test_reports():
     with pytest.warns(DeprecationWarning, match="trusted_effectivity"):
         assert ErrorControl(trusted_effectivity=0.9) == CONTACT
     assert repr(CONTACT).startswith("ErrorControl(mode='contact', target=0.9, ") and eval(repr(CONTACT)) == CONTACT
-
-
-@pytest.mark.parametrize(
-    "values, message",
-    [
-        ({"mode": "Energy"}, "mode of the error control"),
-        ({"target": 1.1}, "target of the error control must be at most 1"),
-        ({"least_effectivity": 0.0}, "least_effectivity of the error control must be a positive number"),
-    ],
-)
-def test_bad_controls(values, message):
-    """What makes no sense is refused."""
-    with pytest.raises(SceneError, match=message):
-        ErrorControl(**values)

@@ -146,35 +146,6 @@ def pressed_by(value):
     return lambda: scene_of(box(), tractions=(Pressure(TOP, value),))
 
 
-def held_by(**values):
-    """A displacement prescribed below the box."""
-    return lambda: scene_of(box(), held=(Dirichlet(LOW, **values),))
-
-
-@pytest.mark.parametrize(
-    "make, message",
-    [
-        (pressed_by(lambda x: x), r"must give an array of shape \(\d+,"),
-        (pressed_by(lambda x: 1.0), r"got array\(1\.\)|got array\(1.0\)"),
-        (pressed_by(lambda x: 0 / (x[0] - 1)), "is nan.*must be finite"),
-        (lambda: scene_of(box(), tractions=(Traction(TOP, lambda x: x[0]),)), r"shape \(3, "),
-        (lambda: scene_of(box(), body_forces=(BodyForce("uper", (0, 0, 1)),)), "'uper'.*did you mean 'upper'"),
-        (lambda: scene_of(box(), body_forces=(Pressure(TOP, 1.0),)), "body_forces must be a tuple of BodyForce"),
-        (lambda: BodyForce("upper", (0, 1)), "three components"),
-        (lambda: Pressure(TOP, (0, 0, 1)), "finite number"),
-        (lambda: Dirichlet(TOP, z="0.1"), "finite number"),
-        (held_by(x=lambda x: x[2] + 1), "another condition says"),
-        (held_by(z=lambda x: x[0] * np.nan), "z on 'upper z low' is nan"),
-        (held_by(z=lambda x: 1j * x[0]), "must give an array"),
-    ],
-    ids=range(12),
-)
-def test_messages(make, message):
-    """What a function gives is looked at when the scene is made, or when a run of it begins."""
-    with np.errstate(all="ignore"), pytest.raises(SceneError, match=message):
-        scene_parts(make())
-
-
 @pytest.mark.parametrize("turned", [False, True], ids=["as it is", "turned round"])
 def test_conditions_that_agree_but_for_rounding(turned):
     """Rounding is measured by the largest displacement of the scene, whichever condition comes first."""

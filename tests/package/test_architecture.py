@@ -39,14 +39,6 @@ def tree_of(path):
     return ast.parse(path.read_text(), str(path))
 
 
-class NoTypes(ast.NodeTransformer):
-    """A module without what it imports for annotations alone."""
-
-    def visit_If(self, node):
-        """Leave out `if TYPE_CHECKING`."""
-        return None if ast.unparse(node.test) == "TYPE_CHECKING" else self.generic_visit(node)
-
-
 def own_imports(tree):
     """What a module imports of this package, anywhere in it, as room.module or room.module.name."""
     for node in ast.walk(tree):
@@ -62,7 +54,7 @@ def own_imports(tree):
 def modules_imported(path):
     """Names of the modules of this package that a module imports."""
     names = set(map(name_of, MODULES))
-    for name in own_imports(NoTypes().visit(tree_of(path))):
+    for name in own_imports(tree_of(path)):
         found = [n for n in (name, name.rpartition(".")[0]) if n in names]
         yield found[0] if found else f"{name}.__init__"
 

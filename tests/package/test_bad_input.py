@@ -28,11 +28,8 @@ from fx_contact import (
     Pressure,
     Scene,
     Solver,
-    Tie,
-    Traction,
     adapt,
     block,
-    join,
     root_mesh_from_shapes,
     scenes,
 )
@@ -44,7 +41,6 @@ from fx_contact.geometry.gmsh_mesh import root_mesh_from_file, root_mesh_from_gm
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.parallel.agreement import differences
 from fx_contact.parallel.errors import (
-    CheckpointError,
     FxContactError,
     GeometryError,
     OutputError,
@@ -54,15 +50,7 @@ from fx_contact.parallel.errors import (
     SolveError,
 )
 from fx_contact.parallel.mpi import together
-from fx_contact.plot import (
-    draw_bodies,
-    draw_convergence,
-    draw_mesh,
-    draw_pressure,
-    draw_pressure_map,
-    draw_stress,
-    draw_sweep,
-)
+from fx_contact.plot import draw_bodies, draw_convergence, draw_mesh, draw_pressure, draw_stress, draw_sweep
 from fx_contact.results.accuracy import contact_errors, true_error
 from fx_contact.results.contact_surface import contact_functions
 from fx_contact.results.output import RecordWriter, write_fields
@@ -91,13 +79,6 @@ def two_cubes(shift=0.0, order=1, gap=0.0):
     return root_mesh_from_shapes({"lower": cube, "upper": cube.shifted(shift, 0, 1 + gap)}, surfaces)
 
 
-def cubes_apart():
-    """Two unit cubes, one above the other, of 2 x 2 x 1 and 3 x 3 x 1 cells."""
-    shapes = {"lower": block((0, 0, 0), (1, 1, 1), (2, 2, 1), 1), "upper": block((0, 0, 1), (1, 1, 2), (3, 3, 1), 1)}
-    surfaces = {"base": "lower bottom", "under": "lower top", "over": "upper bottom", "top": "upper top"}
-    return root_mesh_from_shapes(shapes, surfaces)
-
-
 def press(*extra, **changes):
     """The two cubes pressed together, with extra conditions; keyword arguments replace those of the scene."""
     arguments = dict(
@@ -108,11 +89,6 @@ def press(*extra, **changes):
         contact=(ContactPair("under", "over", (0, 0, 1)),),
     )
     return Scene(**(arguments | changes))
-
-
-def glued(tie, **changes):
-    """The two cubes with a tie instead of contact."""
-    return press(contact=(), ties=(tie,), **changes)
 
 
 def leaning(*vertices, pressure=0.01, **changes):
@@ -154,12 +130,6 @@ def one_name_twice():
     surfaces = dict(zip(("a", "b on c", "a on b", "c"), (scene.mesh.surfaces[name] for name in old)))
     mesh = replace(scene.mesh, surfaces=scene.mesh.surfaces | surfaces)
     return replace(scene, mesh=mesh, contact=tuple(ContactPair(*names, (0, 0, 1)) for names in pairs))
-
-
-def hanging_roots():
-    """A cell beside two half as high: a root mesh may not have hanging nodes."""
-    one, two = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1), block((1, 0, 0), (2, 1, 1), (1, 1, 2), 1)
-    return root_mesh_from_shapes({"a": join(one, two)})
 
 
 def box(recombine=True, order=1, extra=False, twice=False, triangles=False):
@@ -209,12 +179,22 @@ def with_surface(name, rows, *conditions):
     return press(*conditions, mesh=replace(mesh, surfaces={**mesh.surfaces, name: np.atleast_2d(rows)}))
 
 
-def unheld():
-    """Half-spheres drawn apart, the lower one held by contact alone."""
-    scene = small_hertz()
-    conditions = [c for c in scene.dirichlet if c.where not in ("bottom", "top")] + [Dirichlet("top", z=0.01)]
-    return replace(scene, dirichlet=tuple(conditions))
-
+#: A square in Gmsh's format.
+SQUARE = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$Nodes
+4
+1 0 0 0
+2 1 0 0
+3 1 1 0
+4 0 1 0
+$EndNodes
+$Elements
+1
+1 3 2 1 1 1 2 3 4
+$EndElements
+"""
 
 #: A cube in Gmsh's format.
 CUBE = """$MeshFormat
@@ -313,14 +293,6 @@ def refine(marked):
     return Beginning.after(step, marked(len(step.forest)))
 
 
-def go_on(**others):
-    """A run of another scene that goes on from a checkpoint."""
-    scene = small_hertz()
-    with shared_folder() as folder:
-        first(scene, checkpoint=folder)
-        return first(replace(scene, **others), restart=Checkpoint(folder, scene, COMM))
-
-
 class Unspeakable:
     """A value that fails where it is to be shown."""
 
@@ -345,77 +317,14 @@ def not_a_number():
 CASES = {
     SceneError: [
         (one_name_twice, "two contacts have the name 'a on b on c': rename"),
-        (lambda: Material(0.0, 0.3), "Young's modulus must be a positive number, got 0"),
-        (lambda: Material(-1.0, 0.3), "positive number, got -1"),
-        (lambda: Material(1.0, 0.5), "between -1 and 0.5"),
-        (lambda: Material(1.0, 0.7), "0.7"),
-        (lambda: Enforcement("penalty", -1.0), "penalty factor must be a positive number"),
-        (lambda: Enforcement("penalty", node_stiffness=-2.0), "node_stiffness"),
-        (lambda: Enforcement("mortar"), "'exact', 'penalty'"),
-        (lambda: Enforcement("augmented-lagrangian"), "'exact', which has no"),
-        (lambda: Enforcement(factor=10.0), "takes no penalty factor"),
-        (lambda: Enforcement("penalty", 10.0, 3.0), "not both"),
-        (lambda: first(press(), 0.0), "tolerance must be a positive"),
-        (lambda: first(press(), -0.1), "-0.1"),
-        (lambda: first(press(), max_steps=0), "max_steps"),
-        (lambda: first(press(), geometry_order=2), "1 to 1"),
-        (lambda: first(press(), partition_kind="sfx"), "'contact-sfc'"),
-        (lambda: Solver("boomer"), "'boomeramg', 'p-multigrid', 'ilu'"),
-        (lambda: Solver(tolerance=2.0), "0.001 at most"),
-        (lambda: Solver(options=3), "the solver's options must be a dict of PETSc options by name, got 3"),
-        (lambda: Solver(options={3: 1}), "by name, got {3: 1}"),
-        (lambda: scenes.hertz(radius=-1.0, comm=COMM), "radius"),
-        (lambda: scenes.hertz(symmetry="half", comm=COMM), "there are 'quarter', 'full'"),
-        (lambda: scenes.hertz(coarse=0, comm=COMM), "coarse"),
         (lambda: RootMesh(*grid(2), ("a",), [0, 0], {"inner": [[0, 5]]}), "'inner'"),
         (lambda: RootMesh(*grid(), ("a",), [1]), "for the numbers [1]"),
-        (lambda: RootMesh(*grid(2), ("a", "b"), [0, 1]), "share the node at"),
-        (lambda: root_mesh_from_file(COMM, "no/such.msh"), "No such file or directory: 'no/such.msh'"),
-        (
-            lambda: press(tractions=(Pressure("upper", 1.0),)),
-            "unknown surface 'upper'; the root mesh has 'lower bottom'",
-        ),
-        (lambda: press(Dirichlet("side", x=0.0)), "'base', 'under', 'over'"),
-        (lambda: press(contact=(ContactPair("under", "ofer"),)), "unknown surface 'ofer'"),
-        (lambda: press(tractions=(Traction("side", (0, 0, 1)),)), "'side'"),
-        (lambda: press(materials={"lower": STEEL, "upper": STEEL, "third": STEEL}), "'third'"),
-        (lambda: press(materials={"lower": STEEL}), "'upper'"),
-        (lambda: Dirichlet("base"), "prescribes nothing"),
-        (lambda: Dirichlet(3, x=0), "the place of a displacement condition must be a name, got 3"),
-        (lambda: press(Dirichlet("base", z=1.0)), "component z on 'base'"),
-        (lambda: Traction("top", (0, 1)), "three components"),
-        (lambda: ContactPair("top", "top"), "itself"),
-        (lambda: RootMesh(*two_cells(3, 0, 0), ("a",), [0, 0]), "falls into separate parts"),
-        (lambda: RootMesh(*two_cells(3, 0, 0), ("a", "a"), [0, 1]), "different names"),
         (lambda: RootMesh(*grid(order=2), ("a",), [0], {}, {"mid": [13]}), "'mid' is not a corner"),
         (lambda: RootMesh(*grid(), ("a",), [0], {"s": [[0, 1], [0, 1]]}), "local face 0..5), none twice"),
-        (lambda: RootMesh(*grid(), ("a",), [0], {"s": np.zeros((0, 2), int)}), "nothing in the mesh has its tag"),
-        (lambda: RootMesh(*grid(), ("a",), [0], {"s": [[0, 6]]}), "'s' must have at least one row"),
-        (lambda: press(symmetry=0), "the number of copies, must be a whole number"),
-        (lambda: Tie("under", "under"), "surface 'under' cannot be tied to itself"),
-        (lambda: glued(Tie("under", "nothing")), "surface 'nothing'"),
-        (lambda: glued(ContactPair("under", "over")), "ties must be a tuple of Tie"),
-        (lambda: press(contact=(Tie("under", "over"),)), "ties are an argument of their own"),
-        (
-            lambda: glued(Tie("under", "over"), mesh=two_cubes(gap=0.5)),
-            "'under' tied to 'over': the surfaces are 0.5",
-        ),
-        (lambda: press(contact_centre=(np.nan, 0, 0)), "contact_centre"),
-        (lambda: press(units="mm"), "units must be the names of those of length and stress"),
-        (lambda: press(units=("mm", 3)), "units must be the names of those of length and stress"),
         (lambda: first().contact.along((0, 0), (1, 0, 0)), "the start of a line must have three components"),
         (lambda: first().contact.along((1, 0, 0), (1, 0, 0)), "a line needs two points, got (1, 0, 0) twice"),
-        (lambda: draw_pressure_map(first(), "p.png", "under"), "unknown contact 'under'"),
-        (lambda: press(dirichlet="base"), "dirichlet must be a tuple of Dirichlet and SymmetryPlane, got 'base'"),
-        (lambda: first(press(), max_steps=2.5), "2.5"),
-        (lambda: first(press(), enforcement="penalty"), "Enforcement"),
-        (lambda: first(press(), solver="ilu"), "Solver"),
-        (lambda: Solver(max_krylov=0), "max_krylov"),
-        (lambda: Solver(tolerance=0.01, loose_tolerance=0.1), "0.001 at most"),
-        (lambda: Solver(tolerance=0.0001, loose_tolerance=1e-08), "must lie between tolerance 0.0001 and 1"),
         (lambda: gmsh_box(extra=True), "in no physical group"),
         (lambda: draw_pressure(first(unpaired()), "p.png"), "the scene 'cubes' has no contact pairs"),
-        (lambda: contact_functions(first(unpaired())), "the scene 'cubes' has no contact pairs"),
         (lambda: draw_mesh(first(), "m.png", zoom="x"), "zoom of a picture must be"),
         (
             lambda: draw_bodies(first(), "b.png", factor="a"),
@@ -425,82 +334,36 @@ CASES = {
         (lambda: draw_pressure(first(), "p.png", 3), "exact solution must be a Hertz or ContactReference, got 3"),
         (lambda: contact_errors(first(), 3), "the reference must be a ContactReference, got 3"),
         (lambda: draw_convergence([1], "c.png", COMM), "the records must be a list, each a StepRecord, got [1]"),
-        (lambda: draw_convergence(3, "c.png", COMM), "the records must be a list, each a StepRecord, got 3"),
         (lambda: draw_sweep([1], "c.png", COMM), "the points must be a list, each a SweepRecord or SweepPoint, got"),
         (lambda: draw_stress(first(), "s.png", zoom=0), "zoom of a picture must be"),
-        (lambda: draw_stress(first(unpaired()), "s.png", zoom=2), "has no contact pairs"),
         (lambda: true_error(first(), "x"), "got 'x'"),
-        (lambda: true_error(first(), 5e-324), "at least 1e-09, got 4.94066e-324"),
-        (lambda: first(press(), tolerance=5e-324), "at least 1e-09"),
-        (lambda: true_error(first(), 0.2, "x"), "must be a Scene, got 'x'"),
-        (lambda: Checkpoint("no/such", None, COMM), "must be a Scene, got None"),
         (lambda: RecordWriter("/tmp", None), "mpi4py"),
         (lambda: contact_errors("step", hertz_a()), "a Step is needed"),
-        (lambda: Traction("top", np.array(1.0)), "three components, got array(1.)"),
         (lambda: Material(Unspeakable(), 0.3), "Unspeakable object"),
         (lambda: from_file(""), "no mesh file of Gmsh"),
         (lambda: from_file(CUBE[:120]), "Gmsh cannot read"),
-        (lambda: from_file(CUBE[:-40]), "Gmsh cannot read"),
-        (lambda: from_file(np.random.default_rng(1).bytes(999)), "no mesh file of Gmsh"),
-        (lambda: from_file(b"\x00" * 999), "no mesh file of Gmsh"),
-        (lambda: from_file('SystemCall "exit";', "cube.geo"), "no mesh file of Gmsh"),
-        (lambda: from_file("Exit;\n"), "no mesh file of Gmsh"),
         (lambda: from_file(CUBE.replace("\n8\n", "\n9\n")), "cannot read"),
-        (lambda: root_mesh_from_file(COMM, "/tmp"), "Is a directory: '/tmp'"),
-        (lambda: root_mesh_from_file(COMM, 5), "must be a path, got 5"),
-        (lambda: root_mesh_from_file(COMM, "a" * 300 + ".msh"), "File name too long"),
-        (lambda: of(Material(1e9, 0.3), Material(1e-09, 0.3)), "check the units of the moduli"),
-        (lambda: Material(0.3, 210e9), "210000000000.0"),
         (lambda: with_units(length=1e-09), "body 'upper' is 1e-09 large"),
-        (lambda: with_units(length=1e9), "body 'lower' is 1 large"),
         (lambda: with_units(shift=1e9), "the place of each body"),
-        (lambda: pressed_by(-1e7), "along z differ by 1e+07"),
-        (lambda: Enforcement("penalty", 1e13), "'exact' needs none"),
-        (lambda: Enforcement("penalty", 1e-300), "softer ones let bodies through"),
-        (lambda: scenes.hertz(displacement=5.0, comm=COMM), "along z differ by 5"),
-        (lambda: scenes.hertz(displacement=1e7, comm=COMM), "check the units"),
-        (
-            lambda: with_surface("side", [0, 1], Dirichlet("side", z=0.5)),
-            "component z on 'side' is prescribed as 0.5",
-        ),
-        (lambda: adapt(press(), 4, COMM), "4 % are 0.04"),
-        (lambda: scenes.hertz(coarse=10**6, comm=COMM), "50 at most"),
-        (lambda: adapt(press(), 0.1, COMM, partition_kind="contact_sfc"), "did you mean 'contact-sfc'?"),
-        (lambda: Solver("boomermag"), "did you mean 'boomeramg'?"),
-        (lambda: Enforcement("penality"), "did you mean 'penalty'?"),
-        (lambda: scenes.hertz(symmetry="ful", comm=COMM), "did you mean 'full'?"),
-        (lambda: press(Dirichlet("bsae", x=0.0)), "did you mean 'base'?"),
-        (lambda: press(contact=(ContactPair("undr", "over"),)), "did you mean 'under'?"),
         (
             lambda: with_options(pc_typ="jacobi"),
             "PETSc's solver does not read the option 'pc_typ' (on the command line -fx_pc_typ): it is misspelt",
-        ),
-        (
-            lambda: with_options(pc_hypre_boomeramg_strong_treshold=0.5),
-            "does not read the option 'pc_hypre_boomeramg_strong_treshold'",
         ),
         (lambda: with_options(pc_type="jacobi", pc_hypre_type="ilu"), "another solver or preconditioner"),
         (
             lambda: with_options(KSP_Convergence_Test="skip"),
             "'ksp_convergence_test' (on the command line -fx_ksp_convergence_test) is not the user's",
         ),
-        (lambda: adapt(press(), np.array(0.5), COMM), "array(0.5)"),
-        (lambda: RootMesh(*grid(), ("a", "b"), [0]), "for the numbers [0]"),
-        (lambda: RootMesh(*grid(), ("",), [0]), "must be a name, got ''"),
-        (lambda: ContactPair("a", "b", (0, 0, 0)), "zero"),
         (
             lambda: pressed_by(lambda x: np.ma.masked_greater(0 * x[0] - 0.01, -1.0)),
             "the displacement z on 'top' is nan",
         ),
-        (lambda: press(dirichlet=(Dirichlet("base", 0.0, 0.0, 0.0),)), "nothing holds body 'upper'"),
-        (lambda: leaning((0, 0.0, None)), "nothing holds body 'upper'"),
         (lambda: leaning((0, 0.0, 0.0)), "nothing holds body 'upper'"),
         (lambda: far_apart(1e-05, (0, 0.0, 0.0, 0.0), (1, None, 0.0, 0.0)), "nothing holds body 'small'"),
         (
             lambda: replace(scenes.shrink_fit(), dirichlet=(Dirichlet("z = 0", z=0.0), Dirichlet("rim", 0, 0, 0))),
             "nothing holds body 'inner'",
         ),
-        (lambda: scenes.shrink_fit((1.0, 0.5, 2.0)), "leaves no ring between the radii (1.0, 0.5, 2.0)"),
         (lambda: begin(mesh=finer()), "another root mesh"),
         (
             lambda: begin(contact=(), dirichlet=(*small_hertz().dirichlet, Dirichlet("lower pole", z=0.0))),
@@ -508,111 +371,42 @@ CASES = {
         ),
         (lambda: begin(with_nan), "must be finite"),
         (lambda: begin(lambda values: values[1:]), "8 or 27, 3 or more"),
-        (lambda: begin(lambda values: values[..., :2]), "3 or more"),
         (lambda: begin(lambda _: "rest"), "array of float64, got 'rest'"),
         (
             lambda: first(beginning=Beginning.uniform(small_hertz(), 0, on_last_rank(MPI.COMM_SELF, MPI.COMM_SELF))),
             "communicator of 1 rank",
         ),
-        (lambda: Beginning.uniform(small_hertz(), 30, COMM), "can be refined 14 times, got 30"),
-        (lambda: Beginning.uniform(small_hertz(), 0.5, COMM), "got 0.5"),
-        (lambda: Beginning.uniform(small_hertz(), -1, COMM), "at least 0 and below 2^31, got -1"),
         (lambda: Beginning.uniform(small_hertz(), on_last_rank(1, 0), COMM), "number of refinements (0 on rank 0"),
-        (lambda: Beginning.uniform(None, 1, COMM), "must be a Scene, got None"),
         (lambda: refine(lambda n: np.ones(max(n - 1, 0), bool)), "one for each of the"),
-        (lambda: refine(lambda n: True), "got True"),
         (lambda: refine(lambda n: np.full(n, 0.5)), "bool or whole numbers"),
         (lambda: refine(lambda n: None if COMM.rank == COMM.size - 1 else np.ones(n, bool)), "got None"),
         (lambda: refine(lambda n: np.full(n, -1)), "got -1 to -1"),
-        (lambda: refine(lambda n: np.full(n, 256)), "0 to 14 times, got 256"),
     ],
     GeometryError: [
-        (lambda: scenes.hertz(order=7, comm=COMM), "1 to 6, got 7"),
-        (lambda: gmsh_box(order=7), "order 1 to 6"),
         (lambda: gmsh_box(recombine=False), "subdivide tetrahedra after it by the option Mesh.Subdiv"),
         (lambda: RootMesh(grid()[0], grid()[1][:, ::-1], ("a",), [0]), "root cell 0 of 1 is inverted"),
-        (lambda: RootMesh(*two_cells(0, 0, 1), ("a",), [0, 0]), "does not hold together near"),
-        (hanging_roots, "does not hold together near"),
         (lambda: RootMesh(np.zeros((9, 3)), np.arange(9)[None], ("a",), [0]), "got shape (1, 9)"),
         (lambda: RootMesh(np.full((8, 3), np.nan), np.arange(8)[None], ("a",), [0]), "finite"),
+        (lambda: from_file(SQUARE), "the mesh has no volumes, and surfaces of ['Quadrilateral 4']"),
         (lambda: gmsh_box(twice=True), "root cell 0 is there twice"),
         (lambda: gmsh_box(triangles=True), "group 'apart' of the Gmsh model needs"),
         (lambda: RootMesh(*grid(), ("a",), ()), "body must have one number"),
-        (lambda: RootMesh(*grid(), ("a",), [0, 0]), "of shape (2,)"),
-        (lambda: RootMesh(*grid(), np.array("a"), [0]), "a tuple of names"),
-        (lambda: from_file(CUBE.replace("1 2 3 4 5 6 7 8", "5 6 7 8 1 2 3 4")), "inverted"),
-        (
-            lambda: from_file(CUBE.replace("\n2\n1 3", "\n3\n3 5 2 1 1 1 2 3 4 5 6 7 8\n1 3")),
-            "root cell 0 is there twice",
-        ),
         (lambda: replace(two_cubes(), points=two_cubes().points * 1e-200), "units"),
-        (lambda: RootMesh("points", [list(range(8))], ("a",), [0]), "points must be an array of numbers"),
-        (lambda: RootMesh([[0, 0, 0], [1, 0]], [list(range(8))], ("a",), [0]), "points must be an array of numbers"),
         (lambda: RootMesh(grid()[0], grid()[1] + 0.5, ("a",), [0]), "cells and body of whole numbers"),
-        (lambda: RootMesh(grid()[0] * 1j, grid()[1], ("a",), [0]), "numbers"),
         (lambda: RootMesh(grid()[0], grid()[1] + 1, ("a",), [0]), "outside 0..7"),
-        (lambda: RootMesh(None, None, None, None), "points must be an array"),
-        (lambda: RootMesh(*grid(), ("a",), [[0]]), "one number for each cell"),
         (lambda: RootMesh(*grid(), ("a",), [0], {"s": "base"}), "curves and parts dicts of"),
     ],
-    FxContactError: [
-        (lambda: root_mesh_from_file(COMM, __file__), ""),
-        (lambda: from_file(CUBE.replace("1 1 1\n", "1 1 nan\n")), ""),
-        (lambda: from_file(CUBE.replace("1 1 1\n", "1 1 1e999\n")), ""),
-        (lambda: from_file(CUBE.replace("\n8\n", "\n99999999999\n")), ""),
-        (lambda: from_file(CUBE[: CUBE.index("2 5 2")].replace("\n2\n1 3", "\n1\n1 3")), ""),
-    ],
     PairingError: [
-        (lambda: press(contact=(ContactPair("under", "over", (0, 0, -1)),)), "looks away from the other surface"),
-        (lambda: press(contact=(ContactPair("over", "under", (0, 0, 1)),)), "exchange them"),
-        (lambda: press(contact=(ContactPair("under", "over", (0, 0, 1)),) * 2), "two contact pairs"),
-        (lambda: press(mesh=two_cubes(shift=3.0)), "do not face each other along the direction (0, 0, 1)"),
-        (
-            lambda: press(contact=(ContactPair("under", "over"), ContactPair("over", "under"))),
-            "face 0 of root cell 1 is in two contact pairs, 'under on over' and 'over on under'; split the surface",
-        ),
-        (
-            lambda: press(mesh=two_cubes(shift=3.0), contact=(ContactPair("over", "under"),)),
-            "'over' on 'under': the surfaces do not face each other along their normals",
-        ),
-        (
-            lambda: press(ties=(Tie("over", "under"),)),
-            "two contact pairs or ties, 'under on over' and 'over tied to under'",
-        ),
-        (lambda: press(contact=(), ties=(Tie("under", "over"), Tie("under", "top"))), "two contact pairs or ties"),
-        (
-            lambda: press(contact=(ContactPair("under", "over"), ContactPair("over", "base")), mesh=cubes_apart()),
-            "do not face each other",
-        ),
         (
             lambda: with_surface("over", [[1, 0], [0, 5]]),
             "root cell 0 is on both sides of 'under on over'; leave it out",
-        ),
+        )
     ],
     SolveError: [
-        (
-            lambda: first(press(Dirichlet("under", z=0.0), Dirichlet("over", z=-0.01), mesh=cubes_apart())),
-            "prescribed on both surfaces of a contact, or around it, press them 0.01 into each other",
-        ),
-        (
-            lambda: first(
-                glued(
-                    Tie("under", "over"),
-                    mesh=cubes_apart(),
-                    dirichlet=(Dirichlet("base", 0, 0, 0), Dirichlet("under", x=0.0), Dirichlet("over", x=0.01)),
-                )
-            ),
-            "prescribed on both surfaces of a tie, or around it, differ by 0.01",
-        ),
-        (lambda: list(adapt(unheld(), 0.5, COMM)), "nothing holds body 'lower' once the contact opens"),
-        (lambda: with_options(pc_type="nonsense"), "cannot work with"),
         (
             lambda: with_options("boomeramg", pc_hypre_boomeramg_strong_threshold="much"),
             "PETSc cannot work with the solver's options, under the prefix fx_",
         ),
-        (lambda: with_options(ksp_type="minres"), "must be one of cg, fcg"),
-        (lambda: with_options(pc_type="bddc"), "PETSc cannot work with the solver's options"),
-        (lambda: Beginning.uniform(small_hertz(), 12, COMM), "a forest of 549,755,813,888 leaves needs"),
         (
             lambda: first(
                 scenes.hertz(order=1, coarse=4, comm=COMM),
@@ -621,25 +415,11 @@ CASES = {
             "PCG failed with p-multigrid (iterations: 1, PETSc reason -3), then with cholesky (",
         ),
         (lambda: not_a_number().stress, "projection of the stress has not converged in 200 iterations: its relative"),
-        (
-            lambda: write_fields(not_a_number(), "no/such"),
-            "its relative residual is nan instead of 1e-08; check that",
-        ),
     ],
     OutputError: [
         (lambda: draw_pressure(first(), "/dev/null/pressure.png"), "cannot draw"),
-        (lambda: draw_pressure(first(), "/tmp"), "must end in .png, got '/tmp'"),
-        (lambda: draw_mesh(first(), "/tmp"), "must end in .png, got '/tmp'"),
         (lambda: RecordWriter(5, COMM), "must be a path, got 5"),
-        (lambda: first(checkpoint=3), "must be a path, got 3"),
-        (lambda: first(checkpoint="/dev/null/a"), "name another folder"),
         (lambda: RecordWriter("/dev/null/run", COMM), "name another folder"),
-        (lambda: write_fields(first(), "/dev/null"), "name another folder"),
-    ],
-    CheckpointError: [
-        (lambda: Checkpoint("no/such", small_hertz(), COMM), "No such file"),
-        (lambda: go_on(mesh=finer()), "root mesh"),
-        (lambda: go_on(materials={"lower": STEEL, "upper": SOFT}), "materials"),
     ],
     PartitionError: [(too_many_ranks, "run on fewer ranks")],
 }
@@ -649,10 +429,6 @@ CASES[SceneError] += [
         for action in (true_error, draw_pressure, draw_mesh, draw_stress, write_fields)
     ),
     (lambda: contact_functions("step"), "a Step is needed"),
-    *(
-        (partial(adapt, press(), 0.1, COMM, degree=degree), f"displacements must be 1 or 2, got {degree!r}")
-        for degree in (0, 3, 1.0, True, "2", None)
-    ),
     *(
         (
             lambda value=value: first(beginning=replace(Beginning.uniform(small_hertz(), 0, COMM), adapted=value)),
@@ -710,25 +486,11 @@ CASES[GeometryError] += [
 #: Functions of what they are given; of a wrong type or value each must make a SceneError that shows it.
 OF_ONE_VALUE = (
     lambda value: scenes.hertz(radius=value, comm=COMM),
-    lambda value: scenes.hertz(displacement=value, comm=COMM),
-    lambda value: scenes.indentation(side=value),
-    lambda value: Material(value, 0.3),
     lambda value: Material(1.0, value),
-    lambda value: Traction("top", (0.0, value, 0.0)),
     lambda value: adapt(press(), value, COMM),
-    lambda value: Solver(tolerance=value),
-    lambda value: Solver(max_krylov=value),
     lambda value: adapt(press(), 0.5, COMM, max_steps=value),
-    lambda value: scenes.hertz(coarse=value, comm=COMM),
-    lambda value: press(symmetry=value),
-    lambda value: scenes.hertz(symmetry=value, comm=COMM),
     lambda value: adapt(press(), 0.5, COMM, partition_kind=value),
-    lambda value: Enforcement(value),
-    lambda value: press(mesh=value),
-    lambda value: press(materials=value),
     lambda value: press(contact=value),
-    lambda value: scenes.cylinders((value, 1.0)),
-    lambda value: scenes.shrink_fit((0.5, 1.0, value)),
     lambda value: adapt(press(), 0.5, value),
 )
 CASES[SceneError] += [
@@ -743,7 +505,7 @@ CASES[SceneError] += [
         (1.0, 2.0): "(1.0, 2.0)",
         10**400: "1000000",
     }.items()
-    for action in (*OF_ONE_VALUE, *[Solver] * (given is not None))  # None: the best preconditioner
+    for action in OF_ONE_VALUE
 ]
 
 

@@ -5,10 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import WORLD
-from test_bad_input import COMM, STEEL, cubes_apart, from_file, press, shared_folder, two_cubes
+from test_bad_input import COMM, STEEL, press, shared_folder, two_cubes
 
-import fx_contact
 from fx_contact import (
     Checkpoint,
     ContactForce,
@@ -16,12 +14,9 @@ from fx_contact import (
     Dirichlet,
     Displacement,
     Elastic,
-    Gap,
     Material,
     MaxPressure,
-    PairingError,
     Pressure,
-    Reaction,
     RigidMotion,
     Scene,
     SceneError,
@@ -37,7 +32,6 @@ from fx_contact import (
     sweep,
 )
 from fx_contact.estimate.goal_errors import GoalRecord
-from fx_contact.parallel.errors import GeometryError
 from fx_contact.plot import draw_convergence, draw_sweep
 from fx_contact.verdict.model_warning import check_model_warnings, growing_pressure
 from fx_contact.verdict.scene_warnings import warnings_of
@@ -47,23 +41,6 @@ pytestmark = pytest.mark.ranks(1, 2)
 PAIR = "under on over"
 SLAB = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)
 
-#: A square in Gmsh's format.
-SQUARE = """$MeshFormat
-2.2 0 8
-$EndMeshFormat
-$Nodes
-4
-1 0 0 0
-2 1 0 0
-3 1 1 0
-4 0 1 0
-$EndNodes
-$Elements
-1
-1 3 2 1 1 1 2 3 4
-$EndElements
-"""
-
 
 def planes(*names):
     """Conditions of the two cubes, that on the lower one without what would cross a plane, and symmetry planes."""
@@ -72,84 +49,6 @@ def planes(*names):
 
 
 BOTH = "lower left", "upper left"
-
-#: Slips that are errors: call, type of the error, words of its message.
-ERRORS = [
-    # Names.
-    (lambda: press(materials={"lower": STEEL, "uper": STEEL}), SceneError, "did you mean 'upper'?"),
-    # Materials.
-    (lambda: Material(1e30, 0.3), SceneError, "is that of no material"),
-    (lambda: Material(1e-30, 0.3), SceneError, "is that of no material"),
-    # Loads that do nothing.
-    (
-        lambda: press(tractions=Pressure("top", 1.0), dirichlet=held()),
-        SceneError,
-        "the pressure on 'top' moves nothing",
-    ),
-    (lambda: press(tractions=(Traction("top", (0, 0, -1.0)),)), SceneError, "the traction on 'top' moves nothing"),
-    (lambda: press(tractions=(Traction("upper top", (0, 0, -1.0)),)), SceneError, "'upper top' moves nothing"),
-    # Elastic supports and rigid motions.
-    (lambda: Elastic("top"), SceneError, "the elastic support on 'top' has no stiffness: give normal, or some of x"),
-    (
-        lambda: Elastic("top", 0.0),
-        SceneError,
-        "the stiffness normal of the elastic support on 'top' must be a positive",
-    ),
-    (lambda: Elastic("top", x=1.0, z=-1.0), SceneError, "must be a positive number, got -1.0"),
-    (lambda: Elastic("top", y=np.inf), SceneError, "must be a positive number, got inf"),
-    (lambda: Elastic("top", (1.0, 1.0, 1.0)), SceneError, "must be a positive number, got (1.0, 1.0, 1.0)"),
-    (lambda: Elastic(3, 1.0), SceneError, "the surface of an elastic support must be a name, got 3"),
-    (lambda: press(springs=Elastic("tpo", 1.0)), SceneError, "did you mean 'top'?"),
-    (lambda: press(springs=Dirichlet("top", 0.0)), SceneError, "springs must be a tuple of Elastic"),
-    (lambda: press(dirichlet=(*held(), Elastic("top", 1.0))), SceneError, "dirichlet must be a tuple of Dirichlet"),
-    (lambda: press(springs=Elastic("top", 1.0)), SceneError, "the elastic support on 'top' moves nothing"),
-    (lambda: press(springs=Elastic("under", 1e30)), SceneError, "times as stiff as its body"),
-    (lambda: press(springs=Elastic("upper left", y=1e-15)), SceneError, "times as soft as its body"),
-    (lambda: RigidMotion("top", 0.01), SceneError, "the translation of the rigid motion of 'top' must have three"),
-    (lambda: RigidMotion("top", rotation=(0, 0, np.nan)), SceneError, "must be a finite number, got nan"),
-    (lambda: RigidMotion(3), SceneError, "the place of a displacement condition must be a name, got 3"),
-    (
-        lambda: press(RigidMotion("base", rotation=(0, 0, 0.1))),
-        SceneError,
-        "on 'base' is prescribed as 0.1 where another",
-    ),
-    # Functions of position are tried.
-    (lambda: press(tractions=(Pressure("upper left", lambda x: x),)), SceneError, "must give an array of shape"),
-    (lambda: press(tractions=(Pressure("upper left", lambda x: 1 / (0 * x[0])),)), SceneError, "must be finite"),
-    (lambda: press(body_forces=fx_contact.BodyForce("upper", lambda x: x[0])), SceneError, "of shape (3, 216)"),
-    # Symmetry.
-    (lambda: press(symmetry=2), SceneError, "planes without normal displacement make 1 copies"),
-    (lambda: press(symmetry=3), SceneError, "symmetry=3, but"),
-    (lambda: press(dirichlet=planes(*BOTH), symmetry=3), SceneError, "symmetry=3, but"),
-    (lambda: press(dirichlet=planes(*BOTH), symmetry=16), SceneError, "make 8 copies"),
-    (lambda: beside(), SceneError, "bodies are on both sides of the symmetry plane with the normal [1. 0. 0.]"),
-    # Surfaces that look the same way.
-    (lambda: press(contact=(ContactPair("lower top", "upper top"),)), PairingError, "look the same way"),
-    (lambda: press(contact=(ContactPair("lower bottom", "upper bottom"),)), PairingError, "look the same way"),
-    (
-        lambda: press(contact=(ContactPair("under", "top"),), mesh=cubes_apart()),
-        PairingError,
-        "do not face each other",
-    ),
-    (lambda: press(contact=ContactPair("under", "over", clearance=10.0)), SceneError, "is more than the size of all"),
-    # Goals.
-    (lambda: ContactForce(PAIR, 1.0), SceneError, "relative and must be below 1, got 1.0: 4 % are 0.04"),
-    (lambda: MaxPressure(PAIR, 5), SceneError, "must be below 1, got 5"),
-    (lambda: Displacement((0, 0, 1), (0, 0, 1), 100), SceneError, "must be below 1"),
-    (lambda: Reaction("top", 1e-12), SceneError, "at least 1e-09"),
-    (lambda: adapt(press(), 0.5, COMM, goals=Gap(PAIR, (10, 0, 0), 0.1)), SceneError, "is 9.06 away from the nodes"),
-    (lambda: adapt(press(), 0.5, COMM, goals="force"), SceneError, "goals must be a tuple of ContactForce"),
-    # Steps and points.
-    (lambda: adapt(press(), 0.5, COMM)[-1], SceneError, "solve(...) or `last_step()` gives the last one"),
-    (lambda: sweep(lambda t: press(), [1.0], 0.5, COMM)[0], SceneError, "`records` has the figures of all"),
-    # Meshes.
-    (lambda: from_file(SQUARE), GeometryError, "the mesh has no volumes, and surfaces of ['Quadrilateral 4']"),
-    (lambda: join([SLAB, 3]), SceneError, "what is joined must be a tuple of Shape"),
-    (lambda: joined(3.0), GeometryError, "nodes in common, but no face of a cell"),
-    (lambda: joined(20 / 3), GeometryError, "without being one of its nodes"),
-    # No checkpoint in the folder.
-    (lambda: adapt(press(), 0.5, COMM, restart="no/such"), fx_contact.CheckpointError, "No such file"),
-]
 
 
 def held():
@@ -173,15 +72,6 @@ def joined(height):
     """Two blocks side by side, of height 10 in three cells and of another height in one."""
     high, low = (block((0, 0, 0), (1, 1, z), (1, 1, n), 1) for z, n in ((10.0, 3), (height, 1)))
     return root_mesh_from_shapes({"both": join(high, low.shifted(x=1))})
-
-
-@pytest.mark.parametrize("action, kind, words", [pytest.param(*case, id=case[2]) for case in ERRORS])
-def test_slips_that_are_errors(action, kind, words):
-    """The same on all ranks, with what is right."""
-    with pytest.raises(kind) as caught:
-        action()
-    told = WORLD.allgather(str(caught.value))
-    assert words in told[0] and len(set(told)) == 1, told
 
 
 def warned(scene):

@@ -12,7 +12,7 @@ from conftest import WORLD
 from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
 from test_bad_input import COMM, STEEL, press
-from test_slips import PAIR, held, joined, planes
+from test_slips import PAIR, beside, held, joined, planes
 
 import fx_contact
 from fx_contact import (
@@ -26,6 +26,7 @@ from fx_contact import (
     block,
     cylinder,
     root_mesh_from_shapes,
+    scenes,
 )
 from fx_contact.verdict.scene_warnings import warnings_of
 
@@ -109,6 +110,8 @@ NAMES = {name: getattr(fx_contact, name) for name in fx_contact.__all__} | {
     "PAIR_OF": ContactPair("under", "over"),
     "cube": CUBE,
     "press": press,
+    "beside": beside,
+    "scenes": scenes,
     "held": held,
     "joined": joined,
     "planes": planes,

@@ -14,7 +14,6 @@ from fx_contact import (
     Displacement,
     InitialStrain,
     Material,
-    Pressure,
     Reaction,
     Scene,
     SceneError,
@@ -269,14 +268,8 @@ def test_bad_strains():
     for make, message in (
         (lambda: ThermalStrain("slab", "a", 1.0), "expansion of 'slab'"),
         (lambda: ThermalStrain("slab", 1e-5, np.nan), "change of temperature"),
-        (lambda: InitialStrain("slab", np.eye(2)), "3 x 3 finite"),
-        (lambda: InitialStrain("slab", 1e-3), "3 x 3 finite"),
-        (lambda: InitialStrain("slab", 1e-3 * np.triu(np.ones((3, 3)))), "symmetric"),
-        (lambda: replace(slab(), strains=ThermalStrain("plate", 1e-5, 1.0)), "plate"),
-        (lambda: replace(slab(), strains=ThermalStrain("slab", 12.0, 100.0)), "1e-5 / K"),
         (lambda: replace(slab(), strains=ThermalStrain("slab", 1e-5, lambda x: 1 / (x[0] < -1))), "must be finite"),
         (lambda: replace(slab(), strains=InitialStrain("slab", lambda x: x)), r"\(3, 3, "),
-        (lambda: replace(slab(), strains=Pressure("slab top", 1.0)), "strains"),
     ):
         with pytest.raises(SceneError, match=message), np.errstate(divide="ignore"):
             make()

@@ -95,4 +95,4 @@ class ErrorControl:
         sought = self.sought(estimate, tolerance, effectivity)
         if sought is not None and estimate.relative <= sought:
             return np.ones(len(estimate.error), dtype=np.int8)
-        return for_tolerance(estimate, sought or tolerance, self, comm)
+        return for_tolerance(estimate, sought or tolerance, self.target, comm)

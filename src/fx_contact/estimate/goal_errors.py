@@ -125,7 +125,7 @@ def _judged(
         reached = error <= allowed
         share = max(allowed - local, allowed / 2)
         if not reached and weighted > share:
-            times = for_goal(goal.error, share * theta, goal.dual.child_error, control, comm)
+            times = for_goal(goal.error, share * theta, goal.dual.child_error, control.target, comm)
             refine[state.elasticity.leaf_mesh.leaf] = times
         share = max(allowed - weighted, allowed / 2)
         if not reached and local > share:

@@ -1,9 +1,6 @@
 """Threshold marking: the cells with the largest errors are refined until the expected error is the allowed one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
@@ -11,9 +8,6 @@ from mpi4py import MPI
 from fx_contact.estimate.estimator import Estimate
 from fx_contact.fem.space import child_error
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array
-
-if TYPE_CHECKING:
-    from fx_contact.estimate.error_control import ErrorControl
 
 #: Number of thresholds: each is 0.97 of the one before or more.
 _THRESHOLDS = 1024
@@ -29,15 +23,16 @@ def by_criterion(estimate: Estimate, tolerance: float) -> BoolArray:
     return estimate.error > _criterion(estimate, tolerance)
 
 
-def for_tolerance(estimate: Estimate, tolerance: float, control: ErrorControl, comm: MPI.Intracomm) -> Int8Array:
+def for_tolerance(estimate: Estimate, tolerance: float, target: float, comm: MPI.Intracomm) -> Int8Array:
     """Number of refinements (ncells,), 0 to 2, for xi <= e omega, by the highest threshold expected to suffice.
 
-    Collective on comm.  The aim is an error of `control.target` e omega; at degree 2 at least xi / 4, that after
+    Collective on comm.  The aim is an error of `target` e omega; at degree 2 at least xi / 4, that after
     uniform refinement of a smooth solution.  Cells at the edge of contact are refined twice earlier
     (studies.effectivity.hertz_truth).  If threshold (2) is too high, the threshold is `_equidistributing`.
 
     Args:
         tolerance: e [-].
+        target: share of the tolerance, `ErrorControl.target` [-].
     """
     criterion = _criterion(estimate, tolerance)
     largest = comm.allreduce(float(estimate.error.max(initial=0)), op=MPI.MAX)
@@ -47,7 +42,7 @@ def for_tolerance(estimate: Estimate, tolerance: float, control: ErrorControl, c
     thresholds = np.geomspace(largest, criterion, _THRESHOLDS)
     later = _equidistributing(child) * criterion
     of_later = int(np.argmax(thresholds <= later)) if later < largest else len(thresholds) - 1
-    aim = control.target * tolerance * estimate.energy_norm
+    aim = target * tolerance * estimate.energy_norm
     if child < child_error(1):
         aim = max(aim, np.sqrt(8 * child) * estimate.error_global)
     need = estimate.error_global**2 - aim**2
@@ -62,15 +57,14 @@ def for_tolerance(estimate: Estimate, tolerance: float, control: ErrorControl, c
     return _mark(estimate.error**2, children, thresholds**2, choose, comm)
 
 
-def for_goal(
-    error: FloatArray, allowed: float, child_error: float, control: ErrorControl, comm: MPI.Intracomm
-) -> Int8Array:
+def for_goal(error: FloatArray, allowed: float, child_error: float, target: float, comm: MPI.Intracomm) -> Int8Array:
     """Number of refinements (ncells,), 0 to 2, of the fewest cells for a sum of errors (ncells,) that is allowed.
 
     Collective on comm.  If refining twice does not suffice, the cells that are not refined keep the allowed sum.
 
     Args:
         child_error: error of a child over that of its parent, of smooth solutions [-].
+        target: share of the allowed sum, `ErrorControl.target` [-].
     """
     largest = comm.allreduce(float(error.max(initial=0.0)), op=MPI.MAX)
     thresholds = np.geomspace(1.0, _LOWEST_FOR_GOALS, _THRESHOLDS) * largest
@@ -79,7 +73,7 @@ def for_goal(
         """The highest threshold that suffices, as in `_mark`."""
         kept = once[-1] - once
         left = kept + once - _lost(once, twice, 1 - 8 * child_error)
-        aim = control.target * allowed
+        aim = target * allowed
         return int(np.argmax((left <= aim) | (kept <= aim)))
 
     return _mark(error, child_error, thresholds, choose, comm)

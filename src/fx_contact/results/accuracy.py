@@ -134,7 +134,7 @@ def true_error(step: Step, tolerance: float, scene: Scene | None = None) -> True
     finer: Scene = step.scene if scene is None else scene
     marked = np.zeros(len(step.forest), dtype=np.int8)
     if step.record.degree == 2:
-        marked[step.leaf_mesh.leaf] = for_tolerance(step.estimate, tolerance, ErrorControl(), step.forest.comm)
+        marked[step.leaf_mesh.leaf] = for_tolerance(step.estimate, tolerance, ErrorControl().target, step.forest.comm)
     beginning = Beginning.after(step, marked)
     beginning = replace(beginning, forest=_on(beginning.forest, finer))
     for fine in adapt(finer, tolerance, step.forest.comm, degree=2, allow=tuple(REFUSED), beginning=beginning):
