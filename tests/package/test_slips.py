@@ -15,7 +15,6 @@ from fx_contact import (
     Displacement,
     Elastic,
     Material,
-    MaxPressure,
     Pressure,
     RigidMotion,
     Scene,
