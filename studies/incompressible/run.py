@@ -15,7 +15,6 @@ from pathlib import Path
 
 from fx_contact import Material, adapt
 from fx_contact.fem import elasticity
-from fx_contact.linalg import ladder
 from fx_contact.scenes import hertz, indentation, stack
 from studies.stability.shapes import clamped
 from studies.tables import plain, read, write
@@ -84,14 +83,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", help="one run: scene and Poisson's ratio; its row is printed")
     parser.add_argument("--matrix", type=float, nargs="+", help="Poisson's ratios of the matrix of the mixed form")
-    parser.add_argument("--cycles", type=int, help="of BoomerAMG below p-multigrid, with --only")
     parser.add_argument("--output", type=Path, default=Path("results/incompressible"))
     arguments = parser.parse_args()
     if arguments.matrix:
         print(plain([{"of the matrix": ratio} | with_matrix(ratio) for ratio in arguments.matrix]))
         return
     if arguments.only:
-        ladder.MIXED_CYCLES = arguments.cycles or ladder.MIXED_CYCLES
         name, _, poisson = arguments.only.rpartition(" ")
         print(json.dumps(measured(name, float(poisson))))
         return

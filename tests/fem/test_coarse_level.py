@@ -13,6 +13,7 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.fem.supports import Supports
 from fx_contact.linalg.krylov import ConjugateGradients
+from fx_contact.linalg.operator import MatrixOperator
 from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.solver_options import preconditioner_options
 
@@ -91,8 +92,11 @@ def test_preconditioner_is_symmetric_and_positive(problem):
     matrix.zeroRowsColumns(rows, diag=1.0)
     with PetscObjects(matrix, coarse) as objects:
         options = PetscOptions(WORLD, "fx_", preconditioner_options("p-multigrid", matrix.getSize()[0]), {})
-        preconditioner = ConjugateGradients.create(WORLD, options, objects).preconditioner
-        preconditioner.set_up(matrix, coarse)
+        operator = MatrixOperator(matrix, objects)
+        method = ConjugateGradients(options, operator, matrix, elasticity.energy_norm, objects)
+        method.set_up(coarse)
+        preconditioner = method.preconditioner
+        assert preconditioner.pc.getType() == "mg"
         x, y, of_x, of_y = (matrix.createVecLeft() for _ in range(4))
         position, _ = conforming_positions(forest, elasticity.prolongation)
         for wave in (0.1, 3.0, 40.0):

@@ -100,8 +100,7 @@ def test_a_krylov_method_takes_any_operator(problem):
     load = product(stiffness, exact)
     with PetscObjects() as objects:
         options = PetscOptions(WORLD, "any_", {"pc_type": "jacobi"}, {})
-        krylov = ConjugateGradients.create(WORLD, options, objects)
-        method = ConjugateGradients(krylov, stiffness, matrix.mat, energy_norm, objects)
+        method = ConjugateGradients(options, stiffness, matrix.mat, energy_norm, objects)
         method.set_up(None)
         outcome = method.solve(Equations(load), np.zeros_like(load), 1e-8, 500)
     assert outcome.reason > 0

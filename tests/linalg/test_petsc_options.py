@@ -56,6 +56,7 @@ def test_options_of_a_dict_and_of_the_command_line():
         ({"preconditioner": "boomeramg-robust"}, "boomeramg-robust"),
         ({"options": {"pc_type": "jacobi"}}, "jacobi"),
         ({"options": {"pc_type": "gamg"}}, "gamg"),
+        ({"options": {"pc_type": "hypre"}}, "boomeramg"),
         ({"preconditioner": "cholesky", "options": {"pc_type": "lu"}}, "lu"),
         ({"preconditioner": "boomeramg", "options": {"pc_hypre_type": "euclid"}}, "euclid"),
     ],

@@ -1,5 +1,7 @@
 """Products with half of a symmetric matrix are those with the whole one, on ranks with many, few and no rows."""
 
+import ctypes
+
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
@@ -9,7 +11,7 @@ from scipy.sparse import csr_matrix, identity
 from scipy.sparse import random as random_matrix
 from scipy.sparse import vstack
 
-from fx_contact.linalg import symmetric_product
+from fx_contact.linalg import petsc_objects, symmetric_product
 from fx_contact.linalg.matrix import create_matrix
 from fx_contact.parallel.errors import CompilationError
 
@@ -65,6 +67,25 @@ def test_own_loop(monkeypatch):
     before = product(filled(True, 9))
     monkeypatch.setattr(symmetric_product, "_SOURCE", symmetric_product._SOURCE.replace("+= sum", "-= sum"))
     everywhere(not np.allclose(product(filled(True, 9)), before), "the loop is not in use")
+
+
+@pytest.mark.parametrize("kind", [ctypes.c_int, ctypes.c_bool])
+def test_type_of_petsc_bool(monkeypatch, kind):
+    """By the bytes that PETSc writes: of an int, or of one byte."""
+    true = bytes(kind(True))
+
+    class Library:
+        """PETSc of some release."""
+
+        def __init__(self, _):
+            """Loaded."""
+
+        def PetscInitialized(self, place):  # noqa: N802
+            """Writes a PetscBool."""
+            ctypes.memmove(place, true, len(true))
+
+    monkeypatch.setattr(petsc_objects.ctypes, "CDLL", Library)
+    assert petsc_objects.bool_type() is kind
 
 
 def test_no_compiler(monkeypatch):

@@ -16,7 +16,6 @@ from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.law import contact_solver
 from fx_contact.linalg import ladder
 from fx_contact.linalg.krylov import ConjugateGradients, Outcome
-from fx_contact.linalg.ladder import Ladder
 from fx_contact.linalg.linear_solver import LinearSolver
 from fx_contact.parallel import memory
 from fx_contact.parallel.errors import SolveError
@@ -144,7 +143,7 @@ def test_bodies_that_do_not_touch(displacement):
 
 def test_failure_while_steps_are_collected(monkeypatch):
     """A list of steps ends with the error of the step that fails, on all ranks; it holds the last displacement."""
-    monkeypatch.setattr(Ladder, "fallback", lambda self, comm, present: None)
+    monkeypatch.setattr(ladder, "fallback", lambda comm, unknowns, present: None)
     done = []
 
     def counted():

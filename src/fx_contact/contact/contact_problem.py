@@ -9,8 +9,9 @@ from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.fem.supports import Supports
 from fx_contact.fem.volume_term import VolumeTerm
-from fx_contact.linalg.linear_solver import LinearSolver
+from fx_contact.linalg.linear_solver import LinearSolver, suited
 from fx_contact.linalg.matrix import BlockMatrix
+from fx_contact.linalg.operator import MatrixOperator
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
@@ -52,7 +53,9 @@ class ContactProblem:
 
     def linear_solver(self, solver: Solver, objects: PetscObjects) -> LinearSolver:
         """LinearSolver of K, which owns the matrix.  Collective on matrix.comm.  Raises errors as `LinearSolver`."""
-        return LinearSolver(self.matrix, solver, self.energy_norm, objects, self.coarse, self.volume)
+        matrix = suited(self.matrix, solver, self.coarse)
+        operator = MatrixOperator(objects.add(matrix.mat), objects)
+        return LinearSolver(operator, matrix, solver, self.energy_norm, objects, self.coarse, self.volume)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 from dolfinx import fem
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, identity
 
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.supports import Supports
@@ -29,8 +29,10 @@ def cell_matrices(form: fem.Form, rows: Int32Array, columns: Int32Array) -> tupl
     return np.argsort(rows[:, 0]), data.reshape(-1, rows.shape[1], columns.shape[1], *blocks)
 
 
-def node_couplings(prolongation: Prolongation, cells: IntArray) -> csr_matrix:
-    """Couplings of the nodes of an index map by cells (n, k), nodes of the space: bool.  Local."""
+def node_couplings(prolongation: Prolongation, cells: IntArray, diagonal: bool = False) -> csr_matrix:
+    """Couplings of the nodes of an index map by cells (n, k), nodes of the space, or with themselves: bool.  Local."""
+    if diagonal:
+        return identity(len(prolongation.numbers), dtype=bool, format="csr")
     entries = np.ones(cells.size, dtype=bool), cells.ravel(), np.arange(0, cells.size + 1, cells.shape[1])
     touches = csr_matrix(entries, (len(cells), len(prolongation.space))) @ prolongation.matrix.astype(bool)
     return touches.T @ touches
@@ -74,10 +76,13 @@ class CellSum:
     Args:
         matrix: with room for the couplings of the cells.
         supports: at the owned conforming nodes, to eliminate; None: nothing is eliminated.
+        diagonal: add the blocks of 3 x 3 on the diagonal alone.
     """
 
-    def __init__(self, prolongation: Prolongation, matrix: BlockMatrix, supports: Supports | None) -> None:
-        self._prolongation, self._matrix = prolongation, matrix
+    def __init__(
+        self, prolongation: Prolongation, matrix: BlockMatrix, supports: Supports | None, diagonal: bool = False
+    ) -> None:
+        self._prolongation, self._matrix, self._diagonal = prolongation, matrix, diagonal
         self._supports = None if supports is None else supports.ghosted(prolongation)
         self._number, self._held = prolongation.numbers, prolongation.zeros(3)
 
@@ -87,6 +92,9 @@ class CellSum:
         if self._supports is not None:
             cells, forces = self._supports.eliminate(matrices, nodes)
             np.add.at(self._held, nodes[cells], forces)
+        if self._diagonal:
+            each = np.arange(k)
+            matrices, nodes, n, k = matrices[:, each, each], nodes.reshape(-1, 1), n * k, 1
         number = self._number[nodes]
         indptr, columns = np.arange(0, n * k * k + 1, k, dtype=np.int32), np.repeat(number, k, axis=0).ravel()
         self._matrix.mat.setValuesBlockedIJV(indptr, columns, matrices.ravel(), addv=True, rowmap=number.ravel())

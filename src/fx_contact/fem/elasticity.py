@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 import ufl
@@ -229,7 +229,12 @@ class Elasticity(NodalSpaces):
         return bool(self.projects and self.prolongation.space.degree > 1)
 
     def stiffness(
-        self, rows: Rows | None = None, symmetric: bool = False, mixed: bool = False, supports: Supports | None = None
+        self,
+        rows: Rows | None = None,
+        symmetric: bool = False,
+        mixed: bool = False,
+        supports: Supports | None = None,
+        blocks: Literal["all", "diagonal"] = "all",
     ) -> BlockMatrix:
         """P^T K P on the conforming unknowns before `mat.assemble`, with room for the blocks of contact rows.
 
@@ -239,6 +244,7 @@ class Elasticity(NodalSpaces):
             symmetric: as in `create_matrix`.
             mixed: without `volume_term`.
             supports: at the owned conforming nodes, to eliminate; None: nothing is eliminated.
+            blocks: of 3 x 3 that a preconditioner needs: all, or those on the diagonal.
 
         Returns:
             the matrix, with its `held` forces if there are supports.
@@ -247,9 +253,12 @@ class Elasticity(NodalSpaces):
             SolveError: the matrix would not fit into the memory.
         """
         comm, imap = self.prolongation.comm, self.prolongation.index_map
-        graph = node_couplings(self.prolongation, self.cells)
-        matrix = create_matrix(comm, graph if rows is None else graph + rows.couplings(), imap, symmetric)
-        total = CellSum(self.prolongation, matrix, supports)
+        diagonal = blocks == "diagonal"
+        graph = node_couplings(self.prolongation, self.cells, diagonal)
+        if rows is not None and not diagonal:
+            graph = graph + rows.couplings()
+        matrix = create_matrix(comm, graph, imap, symmetric)
+        total = CellSum(self.prolongation, matrix, supports, diagonal)
         hangs = self.prolongation.hanging[self.cells].any(axis=1)
         kernel = self._cell_stiffness()
         for some in (np.flatnonzero(~hangs), np.flatnonzero(hangs)):

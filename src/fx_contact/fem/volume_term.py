@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix, diags, identity, kron, vstack
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.supports import Supports
 from fx_contact.linalg.matrix import add_blocks
-from fx_contact.linalg.mixed_form import PressureOperator
+from fx_contact.linalg.operator import PressureOperator
 from fx_contact.parallel.arrays import FloatArray, IntArray
 
 
@@ -56,10 +56,6 @@ class VolumeTerm(PressureOperator):
         """As `PressureOperator.forces`."""
         forces = self._prolongation.summed((self._transposed @ pressure).reshape(-1, 3))
         return self._supports.free_part(forces)
-
-    def prescribed_forces(self, u: FloatArray) -> FloatArray:
-        """As `PressureOperator.prescribed_forces`."""
-        return self.forces(self.missing * self.strains(u - self._supports.free_part(u)))
 
     def add_to(self, mat: PETSc.Mat) -> None:
         """As `PressureOperator.add_to`."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact.linalg.operator import Equations, Operator, Sum
@@ -43,95 +42,73 @@ class Outcome:
     error: float
 
 
-class KrylovSolver:
-    """A KSP of PETSc, by default the first of the methods, and a preconditioner.
+class KrylovMethod(ABC):
+    """A KSP of PETSc for `Equations`, by default the first of the methods, stopped by omega (4) of the error.
 
-    Collective on comm.
+    Collective.  The stiffness A is symmetric positive definite; the matrix of the preconditioner is A or close to it.
+    `pressures` is the number of this rank's unknowns beside the displacement.
 
     Raises:
         SceneError: an option is reserved.
         SolveError: PETSc rejects the options, or a method or preconditioner does not measure the energy norm.
     """
 
-    def __init__(
-        self, comm: MPI.Intracomm, options: PetscOptions, objects: PetscObjects, methods: tuple[str, ...], norm: int
-    ) -> None:
-        for name in sorted(_RESERVED & options.of_user.keys()):
-            raise SceneError(
-                f"the PETSc option {name!r} (on the command line -{options.prefix}{name}) is not the user's: set "
-                "Solver.tolerance, Solver.loose_tolerance or Solver.max_krylov, for the error in the energy norm"
-            )
-        self.comm, self._prefix, self._objects = comm, options.prefix, objects
-        self.preconditioner = Preconditioner(comm, options, objects)
-        self.ksp = ksp = objects.add(PETSc.KSP().create(comm))
-        ksp.setPC(self.preconditioner.pc)
-        ksp.setOptionsPrefix(options.prefix)
-        ksp.setType(methods[0])
-        ksp.setNormType(norm)
-        ksp.setConvergenceHistory(1, reset=True)
-        with options.reading(objects):
-            ksp.setFromOptions()
-        kind = self.preconditioner.pc.getType()
-        if ksp.getType() not in methods or kind in _UNFIT:
-            raise SolveError(
-                f"-{options.prefix}ksp_type {ksp.getType()} -{options.prefix}pc_type {kind} cannot be "
-                f"used: the method must be one of {', '.join(methods)}, which stop by the energy norm, and the "
-                f"preconditioner an inverse of the matrix alone, not {', '.join(_UNFIT)}: jacobi is as simple"
-            )
-
-    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> tuple[int, int]:
-        """Solve from zero: PETSc's convergence reason, and the number of iterations."""
-        with petsc_errors(self.comm, self._prefix, self._objects):
-            self.ksp.solve(b, x)
-        reason = self.ksp.getConvergedReason()
-        if reason > 0 and not np.isfinite(x.norm()):
-            reason = PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
-        return reason, self.ksp.getIterationNumber()
-
-
-class KrylovMethod(ABC):
-    """A Krylov method for `Equations`, stopped by the energy norm omega (4) of the error.
-
-    Collective.  The stiffness A is symmetric positive definite; the matrix of the preconditioner is A or close to it.
-    `pressures` is the number of this rank's unknowns beside the displacement.
-    """
-
     METHODS: ClassVar[tuple[str, ...]]  # allowed values of `ksp_type`
     NORM: ClassVar[int]  # PETSc's KSP.NormType
 
-    @classmethod
-    def create(cls, comm: MPI.Intracomm, options: PetscOptions, objects: PetscObjects) -> KrylovSolver:
-        """The KSP of this method.  Collective on comm."""
-        return KrylovSolver(comm, options, objects, cls.METHODS, cls.NORM)
-
     def __init__(
         self,
-        krylov: KrylovSolver,
+        options: PetscOptions,
         stiffness: Operator,
         matrix: PETSc.Mat,
         energy_norm: EnergyNorm,
         objects: PetscObjects,
         pressures: int = 0,
     ) -> None:
-        self.matrix, self.preconditioner = matrix, krylov.preconditioner
-        self._krylov, self._stiffness, self._energy_norm = krylov, stiffness, energy_norm
+        self._comm, self._prefix, self._objects = options.comm, options.prefix, objects
+        self.preconditioner = Preconditioner(options, objects)
+        self._ksp = self._created(options)
+        self._matrix, self._stiffness, self._energy_norm = matrix, stiffness, energy_norm
         self._operator = self._full = Sum([stiffness])
         self._size = matrix.getLocalSize()[0]
-        self._projected = ProjectedPreconditioner(krylov.preconditioner, objects.add(matrix.createVecRight()))
+        self._projected = ProjectedPreconditioner(self.preconditioner, objects.add(matrix.createVecRight()))
         sizes = ((self._size + pressures, PETSc.DETERMINE),) * 2
         shell = _Shell(self._product), _Shell(self._precondition, self._projected.view)
-        operator = objects.add(PETSc.Mat().createPython(sizes, shell[0], krylov.comm))
-        outer = objects.add(PETSc.PC().createPython(shell[1], krylov.comm))
+        operator = objects.add(PETSc.Mat().createPython(sizes, shell[0], self._comm))
+        outer = objects.add(PETSc.PC().createPython(shell[1], self._comm))
         outer.setOperators(operator, operator)
-        krylov.ksp.setPC(outer)
-        krylov.ksp.setOperators(operator, operator)
+        self._ksp.setPC(outer)
+        self._ksp.setOperators(operator, operator)
         self._x, self._b = map(objects.add, operator.createVecs())
         self._rule: StoppingRule
 
+    def _created(self, options: PetscOptions) -> PETSc.KSP:
+        for name in sorted(_RESERVED & options.of_user.keys()):
+            raise SceneError(
+                f"the PETSc option {name!r} (on the command line -{options.prefix}{name}) is not the user's: set "
+                "Solver.tolerance, Solver.loose_tolerance or Solver.max_krylov, for the error in the energy norm"
+            )
+        ksp = self._objects.add(PETSc.KSP().create(self._comm))
+        ksp.setPC(self.preconditioner.pc)
+        ksp.setOptionsPrefix(options.prefix)
+        ksp.setType(self.METHODS[0])
+        ksp.setNormType(self.NORM)
+        ksp.setConvergenceHistory(1, reset=True)
+        with options.reading(self._objects):
+            ksp.setFromOptions()
+        kind = self.preconditioner.pc.getType()
+        if ksp.getType() not in self.METHODS or kind in _UNFIT:
+            raise SolveError(
+                f"-{options.prefix}ksp_type {ksp.getType()} -{options.prefix}pc_type {kind} cannot be "
+                f"used: the method must be one of {', '.join(self.METHODS)}, which stop by the energy norm, and the "
+                f"preconditioner an inverse of the matrix alone, not {', '.join(_UNFIT)}: jacobi is as simple"
+            )
+        return ksp
+
     def set_up(self, coarse: CoarseLevel | None) -> None:
         """Build the preconditioner for the present values of the matrix."""
-        self.preconditioner.set_up(self.matrix, coarse)
-        self._rule = StoppingRule(self._krylov.comm, self._energy_norm, self._full.diagonal())
+        self.preconditioner.set_up(self._matrix, coarse)
+        self._rule = StoppingRule(self._comm, self._energy_norm, self._full.diagonal())
 
     def residual(self, equations: Equations, u: FloatArray) -> FloatArray:
         """The residual forces of the last solution, (owned, 3) [N]."""
@@ -151,6 +128,15 @@ class KrylovMethod(ABC):
     def solve(self, equations: Equations, u: FloatArray, tolerance: float, most: int) -> Outcome:
         """Iterate from a first guess (owned, 3) [m], at most so many times.  Raises SolveError as `StoppingRule`."""
 
+    def _solved(self) -> tuple[int, int]:
+        """Solve for `_x` from zero: PETSc's convergence reason, and the number of iterations."""
+        with petsc_errors(self._comm, self._prefix, self._objects):
+            self._ksp.solve(self._b, self._x)
+        reason = self._ksp.getConvergedReason()
+        if reason > 0 and not np.isfinite(self._x.norm()):
+            reason = PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
+        return reason, self._ksp.getIterationNumber()
+
 
 class ConjugateGradients(KrylovMethod):
     """PCG, in the natural norm."""
@@ -164,14 +150,14 @@ class ConjugateGradients(KrylovMethod):
 
     def solve(self, equations: Equations, u: FloatArray, tolerance: float, most: int) -> Outcome:
         """As `KrylovMethod.solve`, with the restarts of `stopping`."""
-        x, b, ksp, count, error = self._x, self._b, self._krylov.ksp, 0, np.nan
+        x, b, ksp, count, error = self._x, self._b, self._ksp, 0, np.nan
         self._begin(equations)
         start = reference = self._rule.energy_norm(u)
         for _ in range(_RUNS):
             allowed = self._rule.allowed(u, tolerance, reference)
             b.array[:] = self.residual(equations, u).ravel()
             ksp.setTolerances(rtol=tolerance, atol=allowed, divtol=_NO_LIMIT, max_it=most)
-            reason, iterations = self._krylov.solve(b, x)
+            reason, iterations = self._solved()
             count += iterations
             if reason > 0 or reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT:
                 u = u + x.array_r.reshape(-1, 3)

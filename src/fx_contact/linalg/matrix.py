@@ -45,22 +45,15 @@ class BlockMatrix:
     held: FloatArray | None = None
 
     @property
-    def entries(self) -> int:
-        """Entries of the matrix on all ranks, on both sides of the diagonal.  Collective on comm."""
-        stored, diagonal = sum(int(lengths.sum()) for lengths in self.row_lengths), len(self.row_lengths[0])
-        return self.comm.allreduce(9 * (2 * stored - diagonal if self.symmetric else stored))
-
-    @property
     def symmetric(self) -> bool:
         """True if the blocks below the diagonal are not stored.  Local."""
         return is_symmetric(self.mat)
 
     def in_format_of(self, kind: str) -> PETSc.Mat:
-        """The matrix in the format of a type of PC, in the place of `mat`.  Collective on comm."""
-        if kind == PETSc.PC.Type.MG:
+        """The matrix for a type of PC: for hypre's a copy in the place of a BAIJ matrix.  Collective on comm."""
+        if kind != PETSc.PC.Type.HYPRE or self.symmetric:
             return self.mat
-        copied = kind == PETSc.PC.Type.HYPRE and not self.symmetric
-        result = self._in_hypre_format() if copied else as_aij(self.mat)
+        result = self._in_hypre_format()
         self.mat.destroy()
         return result
 

@@ -13,59 +13,19 @@ K >= A and K >= D^T C D, the residuals r and q of the rows bound the error e of 
 FGMRES stops when this bound is at most tol omega(u), or rounding.
 """
 
-from abc import abstractmethod
-
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
-from fx_contact.linalg.krylov import KrylovMethod, KrylovSolver, Outcome
-from fx_contact.linalg.operator import Equations, Operator, Sum
+from fx_contact.linalg.krylov import KrylovMethod, Outcome
+from fx_contact.linalg.operator import Equations, Operator, PressureOperator, Sum
 from fx_contact.linalg.p_multigrid import CoarseLevel
-from fx_contact.linalg.petsc_objects import PetscObjects
+from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.stopping import EnergyNorm
 from fx_contact.parallel.arrays import FloatArray
 
 #: Iterations after which FGMRES restarts: more than it needs except on flat cells.  With two vectors of 28 / 24
 #: entries an unknown for each iteration it needs 200 * 8 * 28 / 24 = 1.9 kB an unknown, about as much as the matrix.
 _RESTART = 100
-
-
-class PressureOperator(Operator):
-    """D^T C D, the part of the stiffness that a matrix A lacks.
-
-    Attributes:
-        comm: of the run.
-        missing: (m,), C [Pa].
-        schur: (m,), S^-1 [Pa].
-    """
-
-    comm: MPI.Intracomm
-    missing: FloatArray
-    schur: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.missing)
-
-    @abstractmethod
-    def strains(self, u: FloatArray) -> FloatArray:
-        """D u of (owned, 3) [m]: (m,) [m^(3/2)].  Collective."""
-
-    @abstractmethod
-    def forces(self, pressure: FloatArray) -> FloatArray:
-        """D^T s of (m,) [Pa m^(3/2)]: (owned, 3) [N], 0 in constrained directions.  Collective."""
-
-    @abstractmethod
-    def prescribed_forces(self, u: FloatArray) -> FloatArray:
-        """D^T C D of the prescribed components of (owned, 3) [m]: (owned, 3) [N], as `forces`.  Collective."""
-
-    @abstractmethod
-    def add_to(self, mat: PETSc.Mat) -> None:
-        """Add it to a matrix that has the entries of K, except in constrained directions.  Collective."""
-
-    def add_product(self, u: FloatArray, y: FloatArray) -> None:
-        """As `Operator.add_product`."""
-        y += self.forces(self.missing * self.strains(u))
 
 
 class FlexibleGmres(KrylovMethod):
@@ -79,15 +39,15 @@ class FlexibleGmres(KrylovMethod):
 
     def __init__(
         self,
-        krylov: KrylovSolver,
+        options: PetscOptions,
         stiffness: Operator,
         matrix: PETSc.Mat,
-        volume: PressureOperator,
         energy_norm: EnergyNorm,
         objects: PetscObjects,
+        volume: PressureOperator,
     ) -> None:
-        super().__init__(krylov, stiffness, matrix, energy_norm, objects, len(volume))
-        krylov.ksp.setGMRESRestart(_RESTART)
+        super().__init__(options, stiffness, matrix, energy_norm, objects, len(volume))
+        self._ksp.setGMRESRestart(_RESTART)
         self._volume, self._full = volume, Sum([stiffness, volume])
         self._forces, self._displacement = (objects.add(matrix.createVecRight()) for _ in range(2))
         self._pressure: FloatArray = np.zeros(len(volume))
@@ -123,9 +83,9 @@ class FlexibleGmres(KrylovMethod):
             next_check = norm * min(allowed / bound + tolerance, 0.5)
             return reasons.ITERATING
 
-        self._krylov.ksp.setConvergenceTest(converged)
+        self._ksp.setConvergenceTest(converged)
         self._b.array[:] = self._scaled(*residual)
-        reason, count = self._krylov.solve(self._b, self._x)
+        reason, count = self._solved()
         change, more = self._parts(self._x.array.copy())
         self._pressure = self._pressure + more
         return Outcome(u + change, reason, count, allowed)

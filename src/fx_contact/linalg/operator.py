@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact.linalg.petsc_objects import PetscObjects
@@ -49,6 +50,39 @@ class MatrixOperator(Operator):
         """As `Operator.diagonal`."""
         self.mat.getDiagonal(self._y)
         return self._y.array_r.reshape(-1, 3).copy()
+
+
+class PressureOperator(Operator):
+    """D^T C D, the part of the stiffness that a matrix A lacks.
+
+    Attributes:
+        comm: of the run.
+        missing: (m,), C [Pa].
+        schur: (m,), S^-1 [Pa].
+    """
+
+    comm: MPI.Intracomm
+    missing: FloatArray
+    schur: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.missing)
+
+    @abstractmethod
+    def strains(self, u: FloatArray) -> FloatArray:
+        """D u of (owned, 3) [m]: (m,) [m^(3/2)].  Collective."""
+
+    @abstractmethod
+    def forces(self, pressure: FloatArray) -> FloatArray:
+        """D^T s of (m,) [Pa m^(3/2)]: (owned, 3) [N], 0 in constrained directions.  Collective."""
+
+    @abstractmethod
+    def add_to(self, mat: PETSc.Mat) -> None:
+        """Add it to a matrix that has the entries of K, except in constrained directions.  Collective."""
+
+    def add_product(self, u: FloatArray, y: FloatArray) -> None:
+        """As `Operator.add_product`."""
+        y += self.forces(self.missing * self.strains(u))
 
 
 class Sum(Operator):

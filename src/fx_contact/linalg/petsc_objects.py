@@ -101,7 +101,7 @@ class PetscOptions:
     """
 
     def __init__(self, comm: MPI.Intracomm, prefix: str, defaults: dict[str, Any], given: dict[str, Any]) -> None:
-        self._comm, self.prefix = comm, prefix
+        self.comm, self.prefix = comm, prefix
         database = {name.lower(): value for name, value in PETSc.Options().getAll().items()}
         typed = {name: value for name, value in database.items() if name.startswith(prefix)}
         check_alike(comm, {f"PETSc's option -{name}": value for name, value in typed.items()})
@@ -123,7 +123,7 @@ class PetscOptions:
         for name, value in self._ours.items():
             database[name] = value
         try:
-            with petsc_errors(self._comm, self.prefix, objects):
+            with petsc_errors(self.comm, self.prefix, objects):
                 yield
             self._unread = {name for name in self._unread if not _is_used(self.prefix + name)}
         finally:
@@ -135,15 +135,22 @@ class PetscOptions:
 
         Collective on comm.
         """
-        for name in sorted(set.intersection(*map(set, self._comm.allgather(sorted(self._unread))))):
+        for name in sorted(set.intersection(*map(set, self.comm.allgather(sorted(self._unread))))):
             raise SceneError(
                 f"PETSc's solver does not read the option {name!r} (on the command line -{self.prefix}{name}): it is "
                 "misspelt, or belongs to another solver or preconditioner; -help lists those that it reads"
             )
 
 
+def bool_type() -> type[ctypes.c_int] | type[ctypes.c_bool]:
+    """C's type of PetscBool, an int or, in newer releases, a bool of one byte: by what PETSc writes.  Local."""
+    written = ctypes.create_string_buffer(b"\xff" * ctypes.sizeof(ctypes.c_int), ctypes.sizeof(ctypes.c_int))
+    ctypes.CDLL(PETSc.__file__).PetscInitialized(written)
+    return ctypes.c_bool if b"\xff" in written.raw else ctypes.c_int
+
+
 def _is_used(name: str) -> bool:
     """True for an option of the database that has been read, by PETSc's C function, which petsc4py lacks."""
-    used = ctypes.c_int(0)
+    used = bool_type()()
     ctypes.CDLL(PETSc.__file__).PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
     return bool(used.value)

@@ -1,10 +1,9 @@
 """Preconditioners of PETSc: for a matrix, kept between set-ups, and projected on linear constraints."""
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact.linalg.matrix import as_aij, diagonal_blocks
-from fx_contact.linalg.operator import Projector
+from fx_contact.linalg.operator import PressureOperator, Projector
 from fx_contact.linalg.p_multigrid import CoarseLevel, solved_here, within_blocks
 from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.solver_options import PRECONDITIONERS
@@ -15,22 +14,25 @@ _OF_NODES = ("pbjacobi", "jacobi", "none")
 
 
 class Preconditioner:
-    """M^-1 for a matrix.
+    """M^-1 for a matrix, or for its sum with a `volume` term, which changes no sparsity.
 
-    Collective on comm.  hypre smooths with the values of the matrix itself, not with a copy: without `set_up` after a
-    change of the matrix M may be indefinite.
+    Collective on options.comm.  hypre smooths with the values of the matrix itself, not with a copy: without `set_up`
+    after a change of the matrix M may be indefinite.
     """
 
-    def __init__(self, comm: MPI.Intracomm, options: PetscOptions, objects: PetscObjects) -> None:
+    def __init__(self, options: PetscOptions, objects: PetscObjects) -> None:
         self._options, self._objects = options, objects
-        self.pc = objects.add(PETSc.PC().create(comm))
+        self.pc = objects.add(PETSc.PC().create(options.comm))
         self.pc.setOptionsPrefix(options.prefix)
+        self.volume: PressureOperator | None = None
+        self._copy: PETSc.Mat | None = None  # in AIJ
         self._smooths_blocks = False  # PETSc can be told once
 
     def set_up(self, matrix: PETSc.Mat, coarse: CoarseLevel | None = None) -> None:
         """Build it for the present values of a matrix, and for multigrid the level below.  Collective."""
         self.pc.setReusePreconditioner(False)
-        self.pc.setOperators(matrix, matrix)
+        suited = self._suited(matrix)
+        self.pc.setOperators(suited, suited)
         if self.pc.getType() == PETSc.PC.Type.MG and coarse is not None:
             self.pc.setMGInterpolation(1, coarse.interpolation)
             self.pc.getMGCoarseSolve().setOperators(coarse.matrix)
@@ -39,6 +41,28 @@ class Preconditioner:
             self.pc.setUp()
         self._options.check_read()
         self.pc.setReusePreconditioner(True)
+
+    def _suited(self, matrix: PETSc.Mat) -> PETSc.Mat:
+        """The matrix itself for multigrid, and for hypre in its own format; else a copy in AIJ."""
+        kind = self.pc.getType()
+        if kind == PETSc.PC.Type.MG or kind == PETSc.PC.Type.HYPRE and matrix.type == PETSc.Mat.Type.HYPRE:
+            return matrix
+        copy = as_aij(matrix)
+        if self._copy is None:
+            self._copy = self._objects.add(copy)
+        else:  # the same object, whose sparsity MUMPS has analysed; converting into it spoils it from SBAIJ
+            copy.copy(self._copy, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            copy.destroy()
+        if self.volume is not None:
+            self.volume.add_to(self._copy)
+        return self._copy
+
+    def reset(self) -> None:
+        """Free what `set_up` has made.  Collective."""
+        self.pc.reset()
+        if self._copy is not None:
+            self._copy.destroy()
+        self._copy = None
 
     def _smooth(self, matrix: PETSc.Mat, blocks: Int64Array | None) -> None:
         """Block smoother of multigrid, also for blocks with nodes of several ranks; None: a node is a block."""

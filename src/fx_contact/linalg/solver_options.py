@@ -69,21 +69,17 @@ _FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_str
 _LOOSEST = 1e-3
 
 
-def preconditioner_options(
-    name: str, unknowns: int, cycles: int = 1, blocks: bool = False, factors: bool = False
-) -> dict[str, Any]:
+def preconditioner_options(name: str, unknowns: int, blocks: bool = False, factors: bool = False) -> dict[str, Any]:
     """PETSc options, without prefix, of a key of `PRECONDITIONERS` for so many unknowns on all ranks.
 
-    Local.  For p-multigrid: cycles of BoomerAMG below it, whether the smoother solves for blocks of nodes, and whether
-    Cholesky factors take the place of BoomerAMG.
+    Local.  For p-multigrid: whether the smoother solves for blocks of nodes, and whether Cholesky factors take the
+    place of BoomerAMG below it.
     """
     options = PRECONDITIONERS[name]
-    if name == "p-multigrid" and factors:
-        return options | (_BLOCKS if blocks else {}) | _COARSE_FACTORS
     if name == "p-multigrid":
-        below = preconditioner_options("boomeramg", unknowns // 8) | {"pc_hypre_boomeramg_max_iter": cycles}
-        options = options | _BLOCKS if blocks else options
-        return options | {f"mg_coarse_{option}": value for option, value in below.items()}
+        below = preconditioner_options("boomeramg", unknowns // 8)
+        coarse = _COARSE_FACTORS if factors else {f"mg_coarse_{option}": value for option, value in below.items()}
+        return options | (_BLOCKS if blocks else {}) | coarse
     return options | _OF_FEW if name == "boomeramg" and unknowns <= _FEW else options
 
 

@@ -9,23 +9,25 @@ import ctypes
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from fx_contact.linalg.petsc_objects import bool_type
 from fx_contact.parallel.compilation import library
 
 #: PETSc's functions that the product calls: name -> types of their arguments.
 _CALLED = {
-    "MatGetRowIJ": "void *, Index, int, int, Index *, const Index **, const Index **, int *",
+    "MatGetRowIJ": "void *, Index, Bool, Bool, Index *, const Index **, const Index **, Bool *",
     "MatSeqSBAIJGetArray": "void *, const double **",
     "VecGetArrayRead": "void *, const double **",
     "VecGetArrayWrite": "void *, double **",
     "VecRestoreArrayWrite": "void *, double **",
     "VecRestoreArrayRead": "void *, const double **",
     "MatSeqSBAIJRestoreArray": "void *, const double **",
-    "MatRestoreRowIJ": "void *, Index, int, int, Index *, const Index **, const Index **, int *",
+    "MatRestoreRowIJ": "void *, Index, Bool, Bool, Index *, const Index **, const Index **, Bool *",
 }
 _POINTERS = "".join(f"static int (*{name})({types});\n" for name, types in _CALLED.items())
 _SOURCE = (
     f"""
 #include <stdint.h>
+typedef {bool_type().__name__.replace("c_bool", "_Bool").removeprefix("c_")} Bool;
 typedef int{8 * PETSc.IntType().itemsize}_t Index;
 {_POINTERS}
 void use(void **petsc)
@@ -64,7 +66,8 @@ int product(void *mat, void *vec_x, void *vec_y)
     const Index *first, *column;
     const double *block, *x;
     double *y;
-    int done, code;
+    Bool done;
+    int code;
     if ((code = MatGetRowIJ(mat, 0, 0, 1, &rows, &first, &column, &done)) ||
         (code = MatSeqSBAIJGetArray(mat, &block)) || (code = VecGetArrayRead(vec_x, &x)) ||
         (code = VecGetArrayWrite(vec_y, &y)))
