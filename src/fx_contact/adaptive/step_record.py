@@ -126,6 +126,10 @@ class StepRecord(SolveRecord, ContactFigures):
         names = (one.name for one in self.resultants or () if one.kind in kinds)
         return [self.motions.get(name) for name in names] if self.motions else None
 
+    def as_json(self) -> dict[str, Any]:
+        """The entries, without optional ones that are not known, and without motions if there are none.  Local."""
+        return {name: value for name, value in super().as_json().items() if name != "motions" or value}
+
     @classmethod
     def from_json(cls, entries: dict[str, Any]) -> Self:
         """A record from a line of `steps.jsonl`; entries of other versions are left out.
