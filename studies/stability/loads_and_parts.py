@@ -166,9 +166,7 @@ def rigid_faces():
 
     moment, length = 1e-6, 300.0
     load = RigidLoad("bar top", moment=(moment, 0.0, 0.0))
-    # Rounding in a bar of 1:300, whose stiffness has a condition of 1e10: 0.8e-5 to 2.7e-5 by the order of operations.
-    known = Exact(energy=12 * length * moment**2, unsure=3e-5)
-    yield case("bent", partial(shapes.rod, length, load, _line(1.0)), known)
+    yield case("bent", partial(shapes.rod, length, load, _line(1.0)), Exact(energy=12 * length * moment**2))
     load = RigidLoad("bar top", (0.0, 0.0, 1e-3), point=(0.5, 0.5, 1e6))
     known = Exact(energy=4 * 1e-3**2, linear=True)
     yield case("far", partial(shapes.rod, 4.0, load, _line(1.0), (2, 2, 4)), known)

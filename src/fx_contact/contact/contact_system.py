@@ -81,14 +81,14 @@ class ContactSystem:
     A projection constrains rows that are rigid or stiffer than `ConstraintRows.capped_stiffness`, k_c; the latter yield
     in it.  The matrix has the springs of an earlier status, up to k_c (`MatrixPenalty`); rigid rows have k_c beside
     their constraint, which changes nothing but rounding.  Motions of interfaces that turn no normals are unknowns of
-    the projection, and their given forces are spread over the rows.
+    the projection, and their given forces are spread over the rows, which have no k_c: a soft motion, as of the end of
+    a slender bar, would have a natural norm of k_c against its own stiffness, and PCG stop too early.
 
     Collective.
 
     Args:
-        problem: its matrix has the penalty k_c of `active`.
         load: (owned, 3), right-hand side without contact [N].
-        active: (n,), closed rows.
+        contained: (n,), springs of the rows in the problem's matrix [N/m].
         objects: free the system, which owns the matrix.
 
     Attributes:
@@ -105,7 +105,7 @@ class ContactSystem:
         problem: ContactProblem,
         load: FloatArray,
         jump: Jump,
-        active: BoolArray,
+        contained: FloatArray,
         options: SolveOptions,
         stages: Stages,
         objects: PetscObjects,
@@ -118,7 +118,7 @@ class ContactSystem:
             problem.coarse.couple(jump.matrix.distributed())
         self.solver = problem.linear_solver(options.solver, objects)
         self._take(jump)
-        self._in_matrix = MatrixPenalty(self.solver, problem.coarse, jump, active * self.capped_stiffness)
+        self._in_matrix = MatrixPenalty(self.solver, problem.coarse, jump, contained)
         self._is_set_up = False
         self._energy = 0.0  # of the last solution, twice [J]
 
@@ -184,16 +184,13 @@ class ContactSystem:
         return u
 
     def _capped(self, springs: Springs) -> FloatArray:
-        """(n,), springs in the matrix [N/m]."""
-        return np.minimum(springs.stiffness, self.capped_stiffness)
-
-    def _beside(self, springs: Springs) -> FloatArray:
-        """(n,), springs up to k_c beside the projection, 0 in rows that move [N/m]."""
-        return np.where(self._moving & np.isinf(springs.stiffness), 0.0, self._capped(springs))
+        """(n,), springs in the matrix: up to k_c, 0 in rows that move [N/m]."""
+        capped = np.minimum(springs.stiffness, self.capped_stiffness)
+        return np.where(self._moving & np.isinf(springs.stiffness), 0.0, capped)
 
     def _in_operator(self, springs: Springs) -> FloatArray:
-        """(n,), springs beside the projection, of rigid rows as `_beside` [N/m]."""
-        return np.where(np.isinf(springs.stiffness), self._beside(springs), springs.stiffness)
+        """(n,), springs beside the projection, of rigid rows those of the matrix [N/m]."""
+        return np.where(np.isinf(springs.stiffness), self._capped(springs), springs.stiffness)
 
     def _set_up(self, springs: Springs) -> None:
         """Build the preconditioner for springs in the rows."""
@@ -227,18 +224,18 @@ class ContactSystem:
         guess = projection.onto_closed(np.zeros_like(load) if z is None else z)
         equations = self._in_matrix.equations(jump, load, self._in_operator(self.springs), projection)
         z = self.solver.solve(equations, guess, max(tolerance, self._options.tolerance))
-        force = self._beside(self.springs) * jump.penetration(z) + self._projected_forces(jump, load, projection, z)
+        force = self._capped(self.springs) * jump.penetration(z) + self._projected_forces(jump, load, projection, z)
         return self._supports.tangential(z), force
 
     def _projected_forces(self, jump: Jump, load: FloatArray, projection: Projection, u: FloatArray) -> FloatArray:
         """Forces (n,) [N] of projected rows beside their springs up to k_c, which balance the residual."""
-        equations = self._in_matrix.equations(jump, load, self._beside(self.springs), projection)
+        equations = self._in_matrix.equations(jump, load, self._capped(self.springs), projection)
         return projection.apply_transpose(self.solver.residual(equations, u))
 
     def forces(self, u: FloatArray) -> FloatArray:
         """Forces (n,) [N] of the rows for the last solution u (owned, 3) [m].  Raises SolveError as `Projection`."""
         springs = self.springs
-        force = PenaltyTerm(self._shifted, self._beside(springs)).forces(u)
+        force = PenaltyTerm(self._shifted, self._capped(springs)).forces(u)
         force += self._projected_forces(self._shifted, self._forced, self._projection, u)
         return force if springs.force is None else force + springs.force
 

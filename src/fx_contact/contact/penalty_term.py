@@ -22,36 +22,36 @@ class PenaltyTerm(Operator):
     """
 
     def __init__(self, jump: Jump, stiffness: FloatArray) -> None:
-        self._jump, self._stiffness = jump, stiffness
+        self.jump, self.stiffness = jump, stiffness
 
     def of(self, rows: BoolArray | FloatArray) -> PenaltyTerm:
         """The term with k times factors (n,).  Local."""
-        return PenaltyTerm(self._jump, rows * self._stiffness)
+        return PenaltyTerm(self.jump, rows * self.stiffness)
 
     def add_product(self, u: FloatArray, y: FloatArray) -> None:
         """As `Operator.add_product`."""
-        self._jump.matrix.add_transposed(self._stiffness * self._jump.matrix.times(u), y)
+        self.jump.matrix.add_transposed(self.stiffness * self.jump.matrix.times(u), y)
 
     def add_force(self, u: FloatArray, y: FloatArray) -> None:
         """As `Operator.add_force`."""
-        penetration = self._jump.matrix.times(u) - self._jump.gap
-        self._jump.matrix.add_transposed(self._stiffness * penetration, y)
+        penetration = self.jump.matrix.times(u) - self.jump.gap
+        self.jump.matrix.add_transposed(self.stiffness * penetration, y)
 
     def diagonal(self) -> FloatArray:
         """As `Operator.diagonal`."""
-        return self._jump.matrix.squares(self._stiffness)
+        return self.jump.matrix.squares(self.stiffness)
 
     def load(self) -> FloatArray:
         """B^T k D, (owned, 3) [N]."""
-        return self._jump.transposed(self._stiffness * self._jump.gap)
+        return self.jump.transposed(self.stiffness * self.jump.gap)
 
     def forces(self, u: FloatArray) -> FloatArray:
         """k (B u - D) of a displacement (owned, 3) [m]: (n,), compression positive [N]."""
-        return self._stiffness * self._jump.penetration(u)
+        return self.stiffness * self.jump.penetration(u)
 
     def add_to(self, mat: PETSc.Mat) -> None:
         """Add the term to a matrix in blocks of 3 that has its entries."""
-        _add(mat, self._jump, self._stiffness != 0, self._stiffness)
+        _add(mat, self.jump, self.stiffness != 0, self.stiffness)
         mat.assemble()
 
 

@@ -110,10 +110,11 @@ def solve_system(
         force, pressure, penetration = np.zeros((3, 0))
     else:
         with stages("solve"):
-            carried = comm.allreduce(bool(start.any()), op=MPI.LOR)
-            law, u = _first_guess(problem, load, jump, u, options, carried)
+            carried, constant = comm.allreduce(bool(start.any()), op=MPI.LOR), RowMotions.of(rows, turning=False)
+            capped = PenaltyTerm(jump, np.where(constant.moving, 0.0, rows.capped_stiffness))
+            law, u = _first_guess(problem, load, capped, u, options, carried)
         with stages("system"):
-            system = ContactSystem(problem, load, jump, law.active, options, stages, objects)
+            system = ContactSystem(problem, load, jump, capped.of(law.active).stiffness, options, stages, objects)
         if problem.rows_at is None:
             u, trial = solve_law(system, law, u, options.solver)
             error = system.solver.energy_error
@@ -122,7 +123,7 @@ def solve_system(
             rows = jump.rows
             motions |= RowMotions.of(rows, turning=True).entries(distances)
         law.check_supported()
-        penetration, count, constant = rows.penetration(u), law.updates, RowMotions.of(rows, turning=False)
+        penetration, count = rows.penetration(u), law.updates
         motions |= constant.entries(constant.found(penetration))
         force = np.where(law.springs().closed & jump.movable, trial, 0.0)
         active, penetration = law.active[law.normal], penetration[law.normal]
@@ -145,13 +146,13 @@ def solve_system(
 
 
 def _first_guess(
-    problem: ContactProblem, load: FloatArray, jump: Jump, u: FloatArray, options: SolveOptions, carried: bool
+    problem: ContactProblem, load: FloatArray, capped: PenaltyTerm, u: FloatArray, options: SolveOptions, carried: bool
 ) -> tuple[Unilateral, FloatArray]:
-    """First active set, its capped penalty term added to the matrix, and a displacement close to its solution."""
-    rows, matrix = jump.rows, problem.matrix.mat
+    """First active set, its part of a penalty term added to the matrix, and a displacement close to its solution."""
+    jump, matrix = capped.jump, problem.matrix.mat
+    rows = jump.rows
     exact, most = options.enforcement.method == "exact", options.solver.max_contact
     status = Unilateral(rows, problem.scene, u, most, exact, problem.before)
-    capped = PenaltyTerm(jump, rows.capped_stiffness)
     if problem.scene is not None and not carried:
         stiffness = status.active * rows.capped_stiffness
         u = move_bodies(problem.scene, matrix, load, jump, stiffness, u, problem.supports)
