@@ -60,7 +60,8 @@ def test_forces(degree, most):
         everywhere(np.array_equal(leaves(here.forest), leaves(alone.forest)), "other leaves")
         ball, wall = here.record.pair_forces
         assert abs(ball / FORCE - 1) < 1e-6 and wall > 0
-        assert np.allclose(here.record.pair_forces, alone.record.pair_forces, rtol=1e-7, atol=0)
+        # Each solve leaves up to 1e-7 of the forces.
+        assert np.allclose(here.record.pair_forces, alone.record.pair_forces, rtol=2e-7, atol=0)
         assert np.allclose(here.record.goals[0].value, alone.record.goals[0].value, rtol=1e-6)
         forces = {one.name: np.array(one.force) for one in here.resultants if one.kind in ("contact", "tie")}
         assert abs(forces["low top tied to high bottom"][2] / FORCE - 1) < 1e-6
