@@ -20,8 +20,8 @@ from model_problems import (
 from mpi4py import MPI
 
 from fx_contact import Enforcement
-from fx_contact.contact.constraint_rows import Entries
 from fx_contact.contact.enforcement import CAP
+from fx_contact.contact.row_entries import Entries
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.scenes import hertz
 

@@ -322,6 +322,26 @@ def test_facets_between_clamped_sides():
     assert scene.oriented[0].first == "upper bottom" and len(area) == 12 and abs(area.sum() - 1) < 1e-12
 
 
+def test_two_contacts_along_one_normal():
+    """Nodes on their common edge have a row of the first contact; that of the second yields."""
+    upper = block((0, 0, 1), (2, 1, 2), (8, 4, 1), 1)
+    for name, side in (("one", 1), ("two", -1)):
+        upper = upper.named(name, "bottom", where=lambda x, side=side: side * (x[0] - 1) < 1e-9)
+    low = {name: block((x, 0, 0), (x + 1, 1, 1), (3, 3, 1), 1) for x, name in ((0, "left"), (1, "right"))}
+    mesh = root_mesh_from_shapes({"upper": upper, **low})
+    scene = Scene(
+        name="two bodies below one",
+        mesh=mesh,
+        materials=dict.fromkeys(mesh.bodies, Material(1.0, 0.3)),
+        dirichlet=tuple(Dirichlet(f"{body} bottom", 0, 0, 0) for body in low)
+        + (Dirichlet("upper top", 0, 0, -0.01),),
+        contact=(ContactPair("upper one", "left top"), ContactPair("upper two", "right top")),
+    )
+    rows = create_rows(scene, Prolongation(Space(Beginning.uniform(scene, 0, WORLD).forest, 1)), Enforcement())
+    x, contact = gathered(WORLD, rows.position)[:, 0], gathered(WORLD, rows.contact)
+    assert len(x) == 9 * 5 and np.array_equal(contact, x > 1 + 1e-9) and WORLD.allreduce(rows.yielded) == 5
+
+
 def test_facets_that_face_nothing_hold_nothing():
     """A surface around a corner: its left side faces nothing, so that the body may slide along x."""
     bodies = {"upper": block((0, 0, 1), (1, 1, 2), (5, 5, 1), 1), "lower": block((0, 0, 0), (1, 1, 1), (4, 4, 1), 1)}

@@ -286,6 +286,7 @@ def test_rows_where_a_plane_of_symmetry_holds_a_component():
     axes, on = gathered(WORLD, rows.normal).argmax(axis=1), np.abs(gathered(WORLD, rows.position)[:, 1]) < 1e-9
     assert [int((axes[on] == axis).sum()) for axis in range(3)] == [7, 0, 7]
     assert [int((axes == axis).sum()) for axis in range(3)] == [49, 42, 49]
+    assert WORLD.allreduce(rows.yielded) == 7
 
 
 def on_base(mesh, first, second, **more):

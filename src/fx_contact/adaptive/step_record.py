@@ -85,6 +85,7 @@ class StepRecord(SolveRecord, ContactFigures):
             moved from `moved`, or a section has closed [m]; of the surface of a rigid load three translations [m] and
             rotations [rad] about its point.
         remote_rows: number of rows of contact and ties with nodes of other ranks.
+        yielded_rows: of those that yield to conditions, ties or other contacts at their nodes.
         units: names of those of length and stress, as `Scene.units`.
     """
 
@@ -107,6 +108,7 @@ class StepRecord(SolveRecord, ContactFigures):
     goals: tuple[GoalRecord, ...] = ()
     motions: Motions = field(default_factory=lambda: Motions())
     remote_rows: int = 0
+    yielded_rows: int = 0
     units: Units = None
 
     def __str__(self) -> str:

@@ -342,5 +342,6 @@ def _record(
         goals=assessed.goals,
         motions=Motions(state.solution.motions),
         remote_rows=0 if state.solution.rows is None else state.solution.rows.remote,
+        yielded_rows=state.solution.yielded_rows,
         units=settings.scene.units,
     )

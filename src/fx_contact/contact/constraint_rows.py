@@ -17,6 +17,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from fx_contact.contact.enforcement import CAP, Enforcement
+from fx_contact.contact.row_entries import Entries, KeyedEntries
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import FloatArray, Int8Array, Int32Array, Int64Array, IntArray
@@ -35,41 +36,6 @@ class Role(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Entries:
-    """Weights of nodes in the jump [u] of each row, the sum of weight times u.
-
-    Attributes:
-        row: (b,), local number of the row, ascending.
-        node: (b,), position in the prolongation's index map.
-        side: (b,), 0 where the node is on the first surface, 1 on the second.
-        weight: (b,) [-]; those of a row add up to 1 on the first surface, and to -1 on the second, if any.
-    """
-
-    row: Int64Array
-    node: Int64Array
-    side: Int64Array
-    weight: FloatArray
-
-    def sums(self, values: FloatArray, count: int) -> FloatArray:
-        """Sums of values (b,) over the entries of each of `count` rows: (count,).  Local."""
-        return np.bincount(self.row, values, count).astype(float)  # without rows NumPy counts in integers
-
-
-@dataclass(frozen=True, eq=False)
-class KeyedEntries:
-    """As `Entries`, of nodes by their lattice keys; they may hang, and be of any rank.
-
-    Attributes:
-        key: (b,).
-    """
-
-    row: Int64Array
-    key: Int64Array
-    side: Int64Array
-    weight: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class RowColumns:
     """Rows of one contact along one axis of their frames, each on one rank; as in `ConstraintRows`.
 
@@ -77,6 +43,7 @@ class RowColumns:
         across: (n, 3), the sum of the surfaces' normals times areas, out of the first body; of other axes than the
             normal these axes times areas [m^2].
         role, axis: of all rows.
+        yielded: number of this rank's rows that are left out for others at their nodes (`precedence`).
     """
 
     first: Int64Array
@@ -90,6 +57,7 @@ class RowColumns:
     bodies: Int32Array
     role: Role = Role.NORMAL
     axis: int = 0
+    yielded: int = 0
 
     def along(self, direction: FloatArray, role: Role, axis: int) -> "RowColumns":
         """The rows along other unit vectors, (3,) or (n, 3), without gap.  Local."""
@@ -180,6 +148,7 @@ class ConstraintRows:
         role: (n,), `Role` of each row.
         axis: (n,), number of the axis in the frame: n, t1, t2 of a contact, x, y, z of a tie.
         symmetry: number of copies of the modelled part in the bodies.
+        yielded: as of `RowColumns`, of all kinds.
     """
 
     prolongation: Prolongation
@@ -199,6 +168,7 @@ class ConstraintRows:
     role: Int8Array
     axis: Int8Array
     symmetry: int
+    yielded: int = 0
 
     def __len__(self) -> int:
         return len(self.first)

@@ -7,25 +7,23 @@ the node pairs.  Hanging nodes have no multiplier.  Source: B. Wohlmuth, SIAM J.
 B. Wohlmuth, CMAME 194, 2005.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_matrix
 
-from fx_contact.contact.constraint_rows import KeyedEntries, Role, RowColumns, RowKind
+from fx_contact.contact.constraint_rows import Role, RowColumns, RowKind
 from fx_contact.contact.contact_facets import moduli, spring_stiffness
 from fx_contact.contact.dual_functions import DualFunctions, MultiplierIntegrals, SegmentIntegrals
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.fem.dirichlet import SAME_PLANE, held_nodes
+from fx_contact.contact.precedence import Precedence, mean_normals
+from fx_contact.contact.row_entries import KeyedEntries
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.geometry import hexahedron
 from fx_contact.geometry.lattice import leaf_side
 from fx_contact.geometry.leaf_facets import LeafFacets
-from fx_contact.items.boundary_conditions import ObliquePlane
-from fx_contact.items.contact import SMOOTH
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.scene.scene import Scene
@@ -63,17 +61,22 @@ class MortarRows(RowKind):
         self._surfaces = scene.nonmatching[index]
 
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
-        """As `RowKind.columns`, without rows of nodes that other constraints hold along the normal.  Collective."""
-        multipliers = self._multipliers(prolongation)
-        kept = _not_held(multipliers, prolongation, _stuck(self.scene, prolongation, self.index))
+        """As `RowKind.columns`, without rows that yield.  Collective."""
+        multipliers, normal = self._multipliers(prolongation), mean_normals(prolongation, self.index)
+        yielding = self._precedence(prolongation).yields(normal, Role.NORMAL)
+        kept = _not_yielding(multipliers, prolongation, yielding[:, None])
         return self._columns(prolongation, enforcement, multipliers, kept[:, 0])
 
     def tie_columns(self, prolongation: Prolongation, enforcement: Enforcement) -> list[RowColumns]:
-        """As `RowKind.tie_columns`, without rows of components that other constraints hold.  Collective."""
-        multipliers = self._multipliers(prolongation)
-        kept = _not_held(multipliers, prolongation, _tied(self.scene, prolongation, self.index))
+        """As `RowKind.tie_columns`, without rows that yield.  Collective."""
+        multipliers, precedence = self._multipliers(prolongation), self._precedence(prolongation)
+        yielding = np.stack([precedence.yields(axis, Role.EQUATION) for axis in np.eye(3)], axis=1)
+        kept = _not_yielding(multipliers, prolongation, yielding)
         axes = (self._columns(prolongation, enforcement, multipliers, kept[:, axis]) for axis in range(3))
         return [columns.along(np.eye(3)[axis], Role.EQUATION, axis) for axis, columns in enumerate(axes)]
+
+    def _precedence(self, prolongation: Prolongation) -> Precedence:
+        return Precedence(self.scene, prolongation, self.index)
 
     def _multipliers(self, prolongation: Prolongation) -> _Multipliers:
         """Of all covered nodes.  Collective."""
@@ -104,7 +107,8 @@ class MortarRows(RowKind):
         sums = prolongation.zeros(8)
         np.add.at(sums, nodes, shares)
         sums = prolongation.summed(sums)
-        ours = np.flatnonzero(kept[: prolongation.owned])
+        owned = slice(prolongation.owned)
+        ours = np.flatnonzero(kept[owned])
         row = np.full(prolongation.owned, -1)
         row[ours] = np.arange(len(ours))
         parts = _entries(prolongation, integrals, nodes, keys, regions)
@@ -120,6 +124,7 @@ class MortarRows(RowKind):
             modulus=moduli(self.scene, of_rows),
             position=prolongation.injected(prolongation.space.positions())[ours],
             bodies=self.scene.mesh.body_of_region[of_rows],
+            yielded=int((multipliers.kept & ~kept)[owned].sum()),
         )
 
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
@@ -181,78 +186,17 @@ def _kept(prolongation: Prolongation, dual: DualFunctions, nodes: Int64Array) ->
     return np.asarray(prolongation.ghosted(prolongation.summed(wanted))[:, 0] > 0)
 
 
-def _not_held(multipliers: _Multipliers, prolongation: Prolongation, held: BoolArray) -> BoolArray:
-    """Kept nodes without those that other constraints hold, both (owned + ghosts, k).  Collective.
+def _not_yielding(multipliers: _Multipliers, prolongation: Prolongation, yielding: BoolArray) -> BoolArray:
+    """Kept nodes without those whose rows yield, both (owned + ghosts, k).  Collective.
 
     With a row each the second surface would lock.  Their multipliers go to neighbours; a facet without any keeps its
     own.  Source: B. Wohlmuth, Discretization Methods and Iterative Solvers Based on Domain Decomposition, 2001, 1.2.
     """
-    free = multipliers.kept[:, None] & ~held
-    lonely = prolongation.zeros(held.shape[1])
+    free = multipliers.kept[:, None] & ~yielding
+    lonely = prolongation.zeros(yielding.shape[1])
     facet, axis = np.nonzero(~free[multipliers.nodes].any(axis=1))
     lonely[multipliers.nodes[facet], axis[:, None]] = 1.0
     return free | (multipliers.kept[:, None] & (prolongation.ghosted(prolongation.summed(lonely)) > 0))
-
-
-def _tied(scene: Scene, prolongation: Prolongation, index: int) -> BoolArray:
-    """Components of nodes that a tie shares, (owned + ghosts, 3).  Collective.
-
-    They are those that conditions prescribe, all on oblique symmetry planes, and of nodes of other ties.
-    """
-    held = prolongation.zeros(3)
-    for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
-        held[nodes] += 1.0 if isinstance(condition, ObliquePlane) else np.diag(condition.across)
-    here = _on_surfaces(prolongation, lambda contact, _: (contact >= len(scene.contact)) & (contact != index))[0]
-    held[here[here >= 0]] = 1.0
-    return np.asarray(prolongation.ghosted(prolongation.summed(held)) > 0)
-
-
-def _stuck(scene: Scene, prolongation: Prolongation, index: int) -> BoolArray:
-    """Nodes of a contact that others hold along its normal, (owned + ghosts, 1).  Collective.
-
-    They are those that conditions prescribe, of ties, and nodes with a row of another contact, also with an obstacle,
-    along almost the same normal.
-    """
-    normal, across = _normals(prolongation, index), prolongation.zeros(9)
-    for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
-        across[nodes] += condition.across.ravel()
-    here = _on_surfaces(prolongation, lambda contact, _: contact >= len(scene.contact))[0]
-    across[here[here >= 0]] += np.eye(3).ravel()
-    across = prolongation.ghosted(prolongation.summed(across)).reshape(-1, 3, 3)
-    held, some = np.zeros(len(normal), dtype=bool), np.flatnonzero(across.any(axis=(1, 2)) & normal.any(axis=1))
-    values, vectors = np.linalg.eigh(across[some])
-    part = np.einsum("nij,ni->nj", vectors, normal[some]) * (values > SAME_PLANE)
-    held[some] = (part**2).sum(axis=1) > SMOOTH**2
-    for other in range(len(scene.contact)):
-        if other != index:
-            held |= np.einsum("ni,ni->n", normal, _normals(prolongation, other)) > SMOOTH
-    return held[:, None]
-
-
-def _normals(prolongation: Prolongation, index: int) -> FloatArray:
-    """Mean unit normals of a contact at the nodes of its rows, (owned + ghosts, 3).  Collective."""
-    sides = 1 if index in prolongation.space.forest.contact_surfaces.nonmatching else 2
-    here, facets = _on_surfaces(prolongation, lambda contact, side: (contact == index) & (side < sides))
-    outward, result = np.repeat(facets.mean_outward, here.shape[1], axis=0), prolongation.zeros(3)
-    some = np.flatnonzero(here.ravel() >= 0)
-    np.add.at(result, here.ravel()[some], outward[some])
-    result = prolongation.ghosted(prolongation.summed(result))
-    return np.asarray(result / np.maximum(np.linalg.norm(result, axis=1), np.finfo(float).tiny)[:, None])
-
-
-def _on_surfaces(
-    prolongation: Prolongation, wanted: Callable[[IntArray, IntArray], BoolArray]
-) -> tuple[Int32Array, LeafFacets]:
-    """Conforming nodes (n, (p+1)^2), -1 where they hang, and leaf facets by contact and side.  Local."""
-    space, forest = prolongation.space, prolongation.space.forest
-    leaf, face = forest.contact_faces()
-    contact, side = (
-        of[forest.cell[leaf], face] for of in (forest.contact_surfaces.contact, forest.contact_surfaces.side)
-    )
-    some = wanted(contact, side)
-    leaf, face = leaf[some], face[some]
-    facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
-    return prolongation.conforming[space.on_faces(leaf, face)], facets
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ row is on the rank that owns both nodes: B^T B needs no message (section 3 of th
 
 import numpy as np
 
-from fx_contact.contact.constraint_rows import ConstraintRows, KeyedEntries, RowColumns, RowKind
+from fx_contact.contact.constraint_rows import ConstraintRows, RowColumns, RowKind
 from fx_contact.contact.contact_facets import (
     facet_shares,
     mean_moduli,
@@ -17,6 +17,7 @@ from fx_contact.contact.contact_facets import (
 )
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.pressure import FacetPressure
+from fx_contact.contact.row_entries import KeyedEntries
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray

@@ -5,10 +5,11 @@ g is the signed distance of the node from the obstacle plus the clearance, n the
 
 import numpy as np
 
-from fx_contact.contact.constraint_rows import ConstraintRows, KeyedEntries, RowColumns, RowKind
+from fx_contact.contact.constraint_rows import ConstraintRows, RowColumns, RowKind
 from fx_contact.contact.contact_facets import facet_shares, mean_moduli, moduli, nodal_sums, spring_stiffness
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.pressure import FacetPressure
+from fx_contact.contact.row_entries import KeyedEntries
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.items.contact import ContactPair

@@ -11,11 +11,12 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
-from fx_contact.contact.constraint_rows import ConstraintRows, Entries, KeyedEntries, Role, RowColumns, RowKind
+from fx_contact.contact.constraint_rows import ConstraintRows, Role, RowColumns, RowKind
 from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
 from fx_contact.contact.mortar_rows import MortarRows
 from fx_contact.contact.node_pairs import NodePairs
 from fx_contact.contact.obstacle_rows import ObstacleRows, PlaneRows, RigidFaceRows
+from fx_contact.contact.row_entries import Entries, KeyedEntries
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.items.contact import SMOOTH, Contact, ContactPair
 from fx_contact.items.obstacles import Obstacle, RigidPlane
@@ -109,6 +110,7 @@ def create_rows(
         role=role,
         axis=axis,
         symmetry=scene.symmetry,
+        yielded=sum(part.yielded for part in parts),
         **columns,
     )
     stiffest = prolongation.comm.allreduce(float(rows.penalty_factor.max(initial=0.0)), op=MPI.MAX)
@@ -123,7 +125,7 @@ def create_rows(
 
 
 #: Columns of `RowColumns` that are joined as they are.
-_COLUMNS = [name for name in RowColumns.__dataclass_fields__ if name not in ("entries", "role", "axis")]
+_COLUMNS = [name for name in RowColumns.__dataclass_fields__ if name not in ("entries", "role", "axis", "yielded")]
 
 
 def _with_tangents(rows: ConstraintRows) -> ConstraintRows:

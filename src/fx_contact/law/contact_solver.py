@@ -38,6 +38,8 @@ class ContactSolution:
         row_force: (n + m,), of all rows, of the first side on the second along their directions; 0 in rows whose nodes
             are all constrained [N].
         motions: found along given forces, by the names of interfaces, as in `StepRecord.motions`.
+        yielded_rows: number of all ranks' rows that are left out, or prescribed, by conditions, ties or contacts before
+            theirs (`contact.precedence`).
         energy_error: bound of the linear solver's error in the energy norm [J^(1/2)].
         rounding: bound of the energy norm (4) of a rigid motion, by rounding [J^(1/2)].
     """
@@ -52,6 +54,7 @@ class ContactSolution:
     preconditioner: str
     row_force: FloatArray
     motions: dict[str, float | list[float]]
+    yielded_rows: int
     energy_error: float
     rounding: float
 
@@ -106,7 +109,7 @@ def solve_system(
         with stages("solve"):
             u = system.solve(load, u, options.solver.tolerance)
         error = system.solver.energy_error
-        active, count = np.zeros(0, dtype=bool), 1
+        active, count, yielded = np.zeros(0, dtype=bool), 1, 0
         force, pressure, penetration = np.zeros((3, 0))
     else:
         with stages("solve"):
@@ -124,6 +127,7 @@ def solve_system(
             motions |= RowMotions.of(rows, turning=True).entries(distances)
         law.check_supported()
         penetration, count = rows.penetration(u), law.updates
+        yielded = comm.allreduce(rows.yielded + int(np.count_nonzero(~jump.movable)))
         motions |= constant.entries(constant.found(penetration))
         force = np.where(law.springs().closed & jump.movable, trial, 0.0)
         active, penetration = law.active[law.normal], penetration[law.normal]
@@ -139,6 +143,7 @@ def solve_system(
         preconditioner=system.solver.preconditioner,
         row_force=force,
         motions=motions,
+        yielded_rows=yielded,
         energy_error=error,
         rounding=ROUNDING * float(np.sqrt(comm.allreduce(float(((root * u) ** 2).sum())))),
     )
@@ -146,7 +151,12 @@ def solve_system(
 
 
 def _first_guess(
-    problem: ContactProblem, load: FloatArray, capped: PenaltyTerm, u: FloatArray, options: SolveOptions, carried: bool
+    problem: ContactProblem,
+    load: FloatArray,
+    capped: PenaltyTerm,
+    u: FloatArray,
+    options: SolveOptions,
+    carried: bool,
 ) -> tuple[Unilateral, FloatArray]:
     """First active set, its part of a penalty term added to the matrix, and a displacement close to its solution."""
     jump, matrix = capped.jump, problem.matrix.mat
