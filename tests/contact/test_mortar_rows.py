@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import gathered, grown, leaves
+from model_problems import DISTRIBUTIONS, conforming_positions, gathered, grown, leaves, refined_around, roots
+from mpi4py import MPI
 
 from fx_contact import (
     Beginning,
@@ -13,10 +14,10 @@ from fx_contact import (
     Dirichlet,
     Enforcement,
     Material,
-    PairingError,
     Pressure,
     Scene,
     SceneError,
+    SolveError,
     Solver,
     SymmetryPlane,
     adapt,
@@ -25,6 +26,7 @@ from fx_contact import (
     ring,
     root_mesh_from_shapes,
 )
+from fx_contact.contact.projection import Projection
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
@@ -72,15 +74,6 @@ def boxes(
     return replace(scene, **options)
 
 
-def refined_near(scene, body, reach=(0.6, 0.35)):
-    """The root cells, those of a body near a corner of the interface refined twice."""
-    forest = Beginning.uniform(scene, 0, WORLD).forest
-    for radius in reach:
-        near = np.linalg.norm(forest.centres - [0, 0, 1], axis=1) < radius
-        forest, _ = forest.refined(near & (scene.mesh.body[forest.cell] == scene.mesh.bodies.index(body)))
-    return Beginning.at_rest(forest)
-
-
 def first_step(scene, degree, beginning=None, tolerance=1e-13, **options):
     """The first step of a run, solved accurately."""
     solver = Solver(tolerance=tolerance)
@@ -101,7 +94,7 @@ class TestPatch:
     def test_tilted(self, degree, twist, refined):
         """On a tilted plane, meshes 3:4, twisted by up to 45 degrees, hanging nodes on either side."""
         scene = boxes((3, 3), (4, 4), (0.3, 0.2), twist)
-        beginning = None if refined is None else refined_near(scene, refined)
+        beginning = None if refined is None else refined_around(scene, (0, 0, 1), [refined])
         step = first_step(scene, degree, beginning)
         assert step.record.hanging_nodes > 0 or refined is None
         assert largest(step.contact.pressure / 0.01 - 1) < 1e-10
@@ -172,6 +165,34 @@ class TestMatching:
         for one, other in zip(pairs, mortar):
             everywhere(np.array_equal(leaves(one.forest), leaves(other.forest)), "other leaves")
         assert [s.record.force for s in mortar] == pytest.approx([s.record.force for s in pairs], rel=1e-7)
+
+
+@pytest.mark.ranks(1, 2, 3)
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_rows_anywhere(distribution):
+    """Weights of a row add up to 1 and -1, B u of two translations is their jump, areas that of the surface."""
+    scene = boxes((3, 3), (4, 4))
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2, share=0.2))
+    prolongation = Prolongation(Space(forest, 2))
+    rows = create_rows(scene, prolongation, Enforcement())
+    entries, prolongation = rows.entries, rows.prolongation
+    for side, total in ((0, 1.0), (1, -1.0)):
+        sums = np.bincount(entries.row[entries.side == side], entries.weight[entries.side == side], len(rows))
+        everywhere(np.abs(sums - total).max(initial=0.0) < 1e-12, "weights")
+    per_row = np.bincount(entries.row, minlength=len(rows))
+    assert WORLD.allreduce(int(per_row.max(initial=0)), op=MPI.MAX) > 8 and rows.kinds[0].contact.first == "lower top"
+    _, body = conforming_positions(forest, prolongation)
+    u = np.where(body[:, None] == scene.mesh.bodies.index("lower"), [0.1, 0.2, 0.7], [0.3, 0.0, -0.2])
+    everywhere(np.abs(rows.jump(u) - 0.9).max(initial=0.0) < 1e-12, "B u")
+    everywhere(np.abs(rows.closing(u) - [-0.2, 0.2, 0.9]).max(initial=0.0) < 1e-12, "jump")
+    assert abs(WORLD.allreduce(float(rows.area.sum())) - 1) < 1e-12
+
+
+def test_projection_that_does_not_converge(monkeypatch):
+    """It is an error on all ranks, not a wrong force."""
+    monkeypatch.setattr(Projection, "_ITERATIONS", 2)
+    with pytest.raises(SolveError, match="projection .* has not converged in 2 iterations"):
+        first_step(boxes((3, 3), (4, 4)), 1)
 
 
 def overhanging(upper, lower, width, poisson=0.3):
@@ -334,16 +355,4 @@ def test_facets_that_face_nothing_hold_nothing():
             materials={body: Material(1.0, 0.3) for body in bodies},
             dirichlet=(Dirichlet("lower bottom", 0, 0, 0), Dirichlet("upper front", y=0.0)),
             contact=(ContactPair("corner", "lower top"),),
-        )
-
-
-def test_far_surfaces_do_not_face():
-    """Of surfaces beside each other no point faces one of the other."""
-    apart = block((0, 0, 0), (1, 1, 1), (2, 2, 1), 1), block((2, 0, 1), (3, 1, 2), (3, 3, 1), 1)
-    with pytest.raises(PairingError, match="do not face each other along their normals"):
-        Scene(
-            name="beside",
-            mesh=root_mesh_from_shapes(dict(zip(("one", "two"), apart))),
-            materials={"one": Material(1.0, 0.3), "two": Material(1.0, 0.3)},
-            contact=(ContactPair("one top", "two bottom"),),
         )
