@@ -266,21 +266,31 @@ def test_pressure_converges(disk, outer):
     assert here[0] / here[1] > 3.6 and np.all(np.array(here) < np.array(there))
 
 
+def pressed(bodies, down=0.01, order=1, **options):
+    """A block "upper" pressed onto one "lower", which is clamped below."""
+    return Scene(
+        name="pressed",
+        mesh=root_mesh_from_shapes(bodies),
+        materials=dict.fromkeys(bodies, Material(1.0, 0.3)),
+        dirichlet=(Dirichlet("lower bottom", 0, 0, 0), Dirichlet("upper top", 0, 0, -down)),
+        contact=(ContactPair(*("upper bottom", "lower top")[::order], **options),),
+    )
+
+
+def area_of_rows(scene, degree):
+    """The areas of the rows of all ranks."""
+    prolongation = Prolongation(Space(Beginning.uniform(scene, 0, WORLD).forest, degree))
+    return gathered(WORLD, create_rows(scene, prolongation, Enforcement()).area)
+
+
 def test_which_surface_has_the_rows():
     """The finer one where they face each other, said by the scene; not the one with more facets elsewhere."""
-    wide = block((0, 0, 0), (3, 1, 1), (2, 1, 1), 1)
-    fine = block((1, 0, 1), (2, 1, 2), (3, 3, 1), 1)
-    scene = Scene(
-        name="wide",
-        mesh=root_mesh_from_shapes({"wide": wide, "fine": fine}),
-        materials={"wide": Material(1.0, 0.3), "fine": Material(1.0, 0.3)},
-        dirichlet=(Dirichlet("wide bottom", 0, 0, 0), Dirichlet("fine top", 0, 0, -0.01)),
-        contact=(ContactPair("wide top", "fine bottom", direction=(0, 0, 1)),),
-    )
-    assert scene.oriented[0] == ContactPair("fine bottom", "wide top", direction=(0, 0, -1))
-    assert "rows on 'fine bottom'" in repr(scene) and "2 facets face 9" in repr(scene)
+    bodies = {"upper": block((1, 0, 1), (2, 1, 2), (3, 3, 1), 1), "lower": block((0, 0, 0), (3, 1, 1), (2, 1, 1), 1)}
+    scene = pressed(bodies, order=-1, direction=(0, 0, 1))
+    assert scene.oriented[0] == ContactPair("upper bottom", "lower top", direction=(0, 0, -1))
+    assert "rows on 'upper bottom'" in repr(scene) and "2 facets face 9" in repr(scene)
     record = first_step(scene, 1).record
-    assert record.force > 0 and record.resultants[0].force[2] == pytest.approx(record.force)  # of wide on fine
+    assert record.force > 0 and record.resultants[0].force[2] == pytest.approx(record.force)  # of lower on upper
 
 
 @pytest.mark.parametrize(
@@ -294,18 +304,8 @@ def test_moduli_that_are_alike(moduli, first):
 @pytest.mark.parametrize("order", [1, -1])
 def test_a_surface_smaller_than_a_sample(order):
     """No sample of the large facet faces the small one, which has the rows in any case."""
-    bodies = {
-        "plate": block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1),
-        "pin": block((0.5, 0.5, 1), (0.6, 0.6, 2), (1, 1, 1), 1),
-    }
-    scene = Scene(
-        name="pin",
-        mesh=root_mesh_from_shapes(bodies),
-        materials={body: Material(1.0, 0.3) for body in bodies},
-        dirichlet=(Dirichlet("plate bottom", 0, 0, 0), Dirichlet("pin top", 0, 0, -0.01)),
-        contact=(ContactPair(*("plate top", "pin bottom")[::order]),),
-    )
-    assert scene.oriented[0].first == "pin bottom"
+    plate, pin = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1), block((0.5, 0.5, 1), (0.6, 0.6, 2), (1, 1, 1), 1)
+    assert pressed({"upper": pin, "lower": plate}, order=order).oriented[0].first == "upper bottom"
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -315,31 +315,16 @@ def test_a_strip_from_afar(degree):
         "upper": block((0, 0, 1.4), (1, 1, 2), (4, 4, 1), 1),
         "lower": block((-1, -0.1, 0), (0.525, 1.1, 1), (3, 3, 1), 1),
     }
-    scene = Scene(
-        name="strip",
-        mesh=root_mesh_from_shapes(bodies),
-        materials={body: Material(1.0, 0.3) for body in bodies},
-        dirichlet=(Dirichlet("lower bottom", 0, 0, 0), Dirichlet("upper top", 0, 0, -0.5)),
-        contact=(ContactPair("upper bottom", "lower top"),),
-    )
-    prolongation = Prolongation(Space(Beginning.uniform(scene, 0, WORLD).forest, degree))
-    area = gathered(WORLD, create_rows(scene, prolongation, Enforcement()).area).sum()
-    assert scene.oriented[0].first == "upper bottom" and abs(area - 0.525) < 1e-12
+    scene = pressed(bodies, down=0.5)
+    assert scene.oriented[0].first == "upper bottom" and abs(area_of_rows(scene, degree).sum() - 0.525) < 1e-12
 
 
 def test_facets_between_clamped_sides():
     """All their nodes are held, and they keep their rows."""
     bodies = {"upper": block((0, 0, 1), (1, 1, 2), (1, 5, 1), 1), "lower": block((0, 0, 0), (1, 1, 1), (2, 2, 1), 1)}
     held = tuple(Dirichlet(f"{body} {side}", 0, 0, 0) for body in bodies for side in ("left", "right"))
-    scene = Scene(
-        name="clamped",
-        mesh=root_mesh_from_shapes(bodies),
-        materials={body: Material(1.0, 0.3) for body in bodies},
-        dirichlet=held,
-        contact=(ContactPair("upper bottom", "lower top"),),
-    )
-    prolongation = Prolongation(Space(Beginning.uniform(scene, 0, WORLD).forest, 1))
-    area = gathered(WORLD, create_rows(scene, prolongation, Enforcement()).area)
+    scene = replace(pressed(bodies), dirichlet=held)
+    area = area_of_rows(scene, 1)
     assert scene.oriented[0].first == "upper bottom" and len(area) == 12 and abs(area.sum() - 1) < 1e-12
 
 

@@ -140,6 +140,8 @@ def test_uniform_pressure_on_a_plane(degree, method):
     assert step.record.hanging_nodes > 0
     near = 1e-7 if method == "exact" else 0.01
     assert abs(step.record.pair_forces[0] / 0.01 - 1) < near
+    deepest = WORLD.allreduce(float(step.solution.penetration.max(initial=0.0)), op=MPI.MAX)
+    assert step.record.max_penetration == deepest and (method == "exact" or deepest > 1e-6)
     off = np.abs(step.contact.pressure / 0.01 - 1).max(initial=0.0)
     everywhere(off < (1e-5 if method == "exact" else 0.05), "not uniform")
     (contact,) = (one for one in step.resultants if one.kind == "contact")
@@ -318,15 +320,9 @@ def test_pictures(folder):
         for draw, factor in ((partial(draw_bodies, factor=10.0), 10.0), (partial(draw_mesh, zoom=9.0), 0.0)):
             with plotter_for(folder / "obstacle.png") if WORLD.rank == 0 else nullcontext() as plotter:
                 draw(step, plotter=plotter)
-                tops = (
-                    [] if plotter is None else [actor.bounds[5] for actor in plotter.actors.values() if mapped(actor)]
-                )
+                actors = plotter.actors.values() if plotter else ()
+                tops = [actor.bounds[5] for actor in actors if hasattr(actor, "mapper")]  # of bodies, not of texts
             everywhere(WORLD.rank > 0 or min(abs(top - factor * depth) for top in tops) < 1e-3, "not there")
-
-
-def mapped(actor):
-    """True for bodies and obstacles, which have a mapper, not for texts."""
-    return hasattr(actor, "mapper")
 
 
 def upward(x):
