@@ -97,12 +97,6 @@ class Side:
         np.add.at(result, self.nodes, values)
         return result
 
-    def of_facets(self, facet, values):
-        """Sums at conforming nodes of values (k, (p+1)^2) by the functions N of facets (k,)."""
-        result = np.zeros(self.count)
-        np.add.at(result, self.nodes[facet], np.einsum("eij,ei->ej", self.tables[facet], values))
-        return result
-
     @cached_property
     def loads(self):
         """int N~ over the whole surface, by Gauss's rule: (count,)."""

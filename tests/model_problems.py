@@ -1,5 +1,6 @@
 """Model problems that several tests share: meshes, forests, scenes, and what is gathered of them to all ranks."""
 
+from contextlib import contextmanager
 from dataclasses import MISSING, fields, replace
 from itertools import permutations, product
 
@@ -8,6 +9,7 @@ from conftest import WORLD, everywhere
 from mpi4py import MPI
 from scipy.sparse import coo_matrix
 
+from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_solver import elasticity_of
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
@@ -187,6 +189,16 @@ def corner_scene(one_pair=False):
 def roots(scene, comm=WORLD):
     """The unrefined forest of a scene."""
     return Forest.of_roots(comm, scene.mesh, scene.pairing, scene.contact_surfaces)
+
+
+def refined_around(scene, point, bodies=None):
+    """A Beginning with hanging nodes: leaves of some bodies, or of all, around a point are halved twice."""
+    forest = roots(scene)
+    numbers = [scene.mesh.bodies.index(body) for body in (scene.mesh.bodies if bodies is None else bodies)]
+    for reach in (0.6, 0.35):
+        near = np.linalg.norm(forest.centres - point, axis=1) < reach
+        forest, _ = forest.refined(near & np.isin(scene.mesh.body[forest.cell], numbers))
+    return Beginning.at_rest(forest)
 
 
 def place(forest):
@@ -396,6 +408,19 @@ def plates(pressed=False, stretched=0.0, joined=False):
         tuple(pairs),
         tuple(loads),
     )
+
+
+def of_kind(record, kind):
+    """Name -> Resultant of one kind."""
+    return {one.name: one for one in record.resultants if one.kind == kind}
+
+
+@contextmanager
+def some(count):
+    """A communicator of the first ranks, None on the others, which wait."""
+    comm = WORLD.Split(0 if WORLD.rank < count else MPI.UNDEFINED)
+    yield None if comm == MPI.COMM_NULL else comm
+    WORLD.Barrier()
 
 
 def find_leaves(forest, cell, anchor):

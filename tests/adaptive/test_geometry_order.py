@@ -1,15 +1,12 @@
 """The geometry order of a run where none is given."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from conftest import WORLD
-from model_problems import roots, shortest
+from model_problems import shortest
 from mpi4py import MPI
 
 from fx_contact import adapt
-from fx_contact.fem.leaf_mesh import sufficient_order
 from fx_contact.geometry import hexahedron
 from fx_contact.scenes import hertz
 from studies.cost.thin import ring
@@ -26,15 +23,6 @@ def deviation(forest, order):
     mapped = hexahedron.tensor_evaluate((hexahedron.lagrange(order, line),) * 3, nodes)
     size = shortest(exact)
     return WORLD.allreduce((np.linalg.norm(mapped - exact, axis=2).max(axis=1) / size).max(), MPI.MAX)
-
-
-@pytest.mark.parametrize("order", [1, 2, 3])
-@pytest.mark.parametrize("make", [partial(hertz, coarse=2), partial(ring, cells=8)], ids=["hertz", "ring"])
-def test_order_for_a_deviation(make, order):
-    """An order suffices for a tolerance above its deviation, and not for one below."""
-    forest = roots(make(order=6))
-    off = deviation(forest, order)
-    assert sufficient_order(forest, 1.1 * off) <= order < sufficient_order(forest, off / 1.4)
 
 
 def test_a_thin_ring_keeps_its_shape():

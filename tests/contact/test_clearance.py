@@ -8,13 +8,10 @@ from conftest import WORLD
 from model_problems import leaves
 
 from fx_contact import (
-    Checkpoint,
-    CheckpointError,
     ContactPair,
     Dirichlet,
     Material,
     Scene,
-    SceneError,
     SymmetryPlane,
     ValidityError,
     adapt,
@@ -22,9 +19,7 @@ from fx_contact import (
     join,
     root_mesh_from_shapes,
     solve,
-    sweep,
 )
-from fx_contact.scenes import hertz
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
@@ -121,48 +116,9 @@ def test_contact_between_nodes():
             assert (record.penetrated_leaves > 0) == found
 
 
-def test_hertz():
-    """Half-balls with an interference, and moved by it: alike but for (a / R)^2; the contact is round."""
-    moved = hertz(displacement=DEPTH, coarse=3)
-    rest = tuple(replace(c, z=0.0) if isinstance(c, Dirichlet) and c.z else c for c in moved.dirichlet)
-    pressed = replace(moved, dirichlet=rest, contact=(replace(moved.contact[0], clearance=-DEPTH),))
-    one, other = (solve(scene, 0.1, degree=2).record for scene in (moved, pressed))
-    assert one.contact_radius and other.contact_radius
-    assert abs(other.contact_radius / one.contact_radius - 1) < 0.01
-    assert abs(other.force / one.force - 1) < 0.01
-
-
 def test_warnings():
     """A deep interference is an initial overlap; the distance of open bodies has the clearance."""
     record = next(adapt(blocks(clearance=-0.3, approach=0.0), 0.2)).record
     assert "initial overlap" in [doubt.kind for doubt in record.doubts]
     (doubt,) = next(adapt(blocks(clearance=0.05), 0.2)).record.doubts
     assert doubt.kind == "no contact" and abs(doubt.value - 0.02) < 1e-9
-
-
-def test_a_load_path():
-    """The interference grows: forces grow with it."""
-    points = list(sweep(lambda clearance: blocks(clearance=-clearance), (0.01, 0.02), 0.2, degree=1))
-    assert [point.record.begun for point in points] == ["anew", "coarse"]
-    first, second = (point.step.record.force for point in points)
-    assert abs(second / first - 5 / 4) < 0.2**2
-
-
-def test_restart(folder):
-    """A run goes on from a checkpoint; that of another clearance does not."""
-    scene = blocks(clearance=-DEPTH)
-    through = list(adapt(scene, 0.15, degree=1))
-    begun = list(adapt(scene, 0.15, degree=1, checkpoint=folder, max_steps=1))
-    assert len(begun) < len(through)
-    ended = list(adapt(scene, 0.15, degree=1, restart=Checkpoint(folder, scene, WORLD)))
-    assert np.array_equal(leaves(ended[-1].forest), leaves(through[-1].forest))
-    assert abs(ended[-1].record.force / through[-1].record.force - 1) < 1e-7
-    for other in (blocks(), blocks(clearance=DEPTH)):
-        with pytest.raises(CheckpointError, match="contact pairs"):
-            list(adapt(other, 0.15, degree=1, restart=Checkpoint(folder, other, WORLD)))
-
-
-@pytest.mark.parametrize("clearance", ["much", np.nan, None])
-def test_bad_input(clearance):
-    with pytest.raises(SceneError, match="clearance of 'a'"):
-        ContactPair("a", "b", clearance=clearance)

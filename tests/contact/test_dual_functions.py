@@ -8,9 +8,7 @@ import pytest
 from meshed_apart import Mortar, Side, hollow_ball
 from model_problems import scramble
 
-from fx_contact.contact.dual_functions import DualFunctions, SegmentIntegrals
 from fx_contact.geometry.root_facets import face_functions
-from fx_contact.geometry.shapes import rotation
 from fx_contact.geometry.solids import ball, block
 
 pytestmark = pytest.mark.ranks(1)
@@ -40,84 +38,6 @@ def dual_errors(mortar):
     diagonal = np.einsum("ejj->ej", mixed)
     mixed = mixed - diagonal[:, :, None] * np.eye(mixed.shape[1])
     return np.abs(psi.sum(axis=2)[some] - 1).max(), np.abs(mixed).max(initial=0) / np.abs(diagonal).max(initial=1)
-
-
-def covered_loads(mortar):
-    """int N2~ over the covered part of the second surface, without psi."""
-    sums = mortar.segments.coupling.sum(axis=1)  # the N of the first add up to 1
-    return mortar.second.of_facets(mortar.pairs[:, 1], sums)
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("turn, tilt", [(0, 0), (20, 0), (45, 35)])
-@pytest.mark.parametrize("cells, random", [((4, 4), (2, 0)), ((6, 6), (1, 2)), ((4, 3), (0, 2)), ((4, 2), (1, 3))])
-def test_planes_meshed_apart(degree, turn, tilt, cells, random):
-    """With hanging nodes on either side: constant pressure, linear displacements, and a linear gap are exact."""
-    first, second = plates(cells, degree, turn, tilt, random)
-    assert (first.hanging.sum() > 0) == (random[0] > 0) and (second.hanging.sum() > 0) == (random[1] > 0)
-    mortar = Mortar(first, second)
-    assert mortar.dual.covered.all() and mortar.kept.all()
-    assert max(dual_errors(mortar)) < 1e-13
-    on = mortar.area != 0
-    assert (mortar.area[on] > 0).all() and on.sum() == len(np.unique(first.nodes))
-    area = mortar.D.diagonal()
-    assert np.abs(mortar.D - np.diag(area)).max() < 1e-14 and np.abs(area - mortar.area).max() < 1e-14
-    assert np.abs(area - first.loads).max() < 1e-14
-    # Forces of a constant pressure: on both surfaces those of the covered part.
-    assert np.abs(mortar.D.T @ on - first.loads).max() < 1e-14
-    assert np.abs(mortar.M.T @ on - covered_loads(mortar)).max() < 1e-14
-    # Linear displacements, and rigid ones.
-    linear = [side.positions @ LINEAR.T + [0.1, 0.2, 0.3] for side in (first, second)]
-    assert np.abs(mortar.M @ linear[1] - area[:, None] * linear[0])[on].max() < 1e-13
-    assert np.abs(mortar.M @ np.ones(second.count) / np.where(on, area, 1) - on).max() < 1e-12
-    # Normals and the gap, which is zero.
-    normal = rotation((1, 2, 0.5), tilt) @ [0, 0, 1.0]
-    for sign, normals in ((-1, mortar.integrals.first_normal), (1, mortar.integrals.second_normal)):
-        assert np.abs(first.sums(normals) - sign * area[:, None] * normal).max() < 1e-14
-    assert np.abs(first.sums(mortar.integrals.apart)).max() < 1e-14
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-def test_whole_second_surface(degree):
-    """Surfaces of one size: sum_j M_jl is the integral of the second surface's function, 3:4 with hanging nodes."""
-    first, second = plates((4, 3), degree, random=(1, 1), second_size=1.0)
-    assert first.hanging.any() and second.hanging.any()
-    mortar = Mortar(first, second)
-    assert np.abs(mortar.M.sum(axis=0) - second.loads).max() < 1e-14
-    assert abs(mortar.M.sum() - 1) < 1e-13
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("order", [1, 2, 6])
-def test_matching_meshes(degree, order):
-    """Meshed alike, hanging nodes too: D^-1 M pairs nodes, on a plane and on a bent surface."""
-    for bend in (0.0, 0.2):
-
-        def bent(x):
-            return x[0], x[1], x[2] + bend * np.sin(2 * x[0] + x[1])
-
-        shapes = [block((0, 0, low), (1, 1, low + 1), (3, 3, 1), order).placed(bent) for low in (0, -1)]
-        upper, lower = (Side.of(shape, degree, side) for shape, side in zip(shapes, ("bottom", "top")))
-        marked = upper.facets.corners.mean(axis=1)[:, 0] < 0.4
-        assert 0 < marked.sum() < 9
-        sides = [refined_near(side, name) for side, name in ((upper, "bottom"), (lower, "top"))]
-        first, second = sides
-        assert first.hanging.any() and len(first) == len(second)
-        mortar = Mortar(first, second)
-        on = np.flatnonzero(mortar.area)
-        transfer = mortar.M[on].toarray() / mortar.area[on, None]
-        match = np.abs(first.positions[on][:, None] - second.positions[np.unique(second.nodes)]).max(axis=2)
-        partner = np.unique(second.nodes)[match.argmin(axis=1)]
-        assert match.min(axis=1).max() < 1e-13 and len(np.unique(partner)) == len(on)
-        expected = np.zeros_like(transfer)
-        expected[np.arange(len(on)), partner] = 1
-        assert np.abs(transfer - expected).max() < 1e-12
-
-
-def refined_near(side, name):
-    """The side with its leaves at x < 0.4 refined."""
-    forest, _ = side.forest.refined(side.forest.centres[:, 0] < 0.4)
-    return Side(forest, f"body {name}", side.degree)
 
 
 def on_spheres(degree, order, cells, shells, level):
@@ -230,23 +150,6 @@ def test_rims_at_random(degree):
         assert condition(mortar) < 500
 
 
-@pytest.mark.parametrize("degree", [1, 2])
-def test_nodes_without_multiplier(degree):
-    """Nodes that are held along the normal: their multipliers go to neighbours, and nothing else changes."""
-    first, second = plates((4, 3), degree, random=(1, 0))
-    assert first.hanging.any()
-    x = first.positions - first.positions[np.unique(first.nodes)].mean(axis=0)
-    on = np.unique(first.nodes)
-    held = on[x[on, 0] < x[on, 0].min() + 1e-9]
-    assert len(held) >= 5
-    mortar = Mortar(first, second, held=held)
-    assert not mortar.kept_nodes[held].any() and mortar.kept_nodes.sum() == len(on) - len(held)
-    check_cover(mortar, 1.0)
-    everything = Mortar(first, second)
-    far = on[x[on, 0] > x[on, 0].min() + 0.6]
-    assert len(far) and np.abs((mortar.M - everything.M)[far]).max() == 0
-
-
 def test_no_kept_node():
     """A facet without any kept node has no multiplier; nothing else is undefined."""
     first, second = plates((2, 2), 2)
@@ -254,13 +157,3 @@ def test_no_kept_node():
     assert (mortar.functions == 0).all() and (mortar.area == 0).all()
     apart = Mortar(first, Side.of(block((5, 5, -1), (6, 6, 0), (1, 1, 1), 1), 2, "top"))
     assert not len(apart.pairs) and not apart.kept.any() and (apart.functions == 0).all()
-
-
-def test_rank_without_facets():
-    """A rank without first facets makes arrays of length zero."""
-    _, second = plates((2, 2), 2)
-    none = second.facets[np.zeros(0, dtype=int)]
-    segments = SegmentIntegrals.of(none, second.facets, np.zeros((0, 2), dtype=int), 2)
-    dual = DualFunctions(none, 2, np.zeros((0, 9, 9)), segments)
-    integrals = dual.integrals(dual.candidates(dual.cover))
-    assert integrals.area.shape == (0, 9) and integrals.second.shape == (0, 9, 9)

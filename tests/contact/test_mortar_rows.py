@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import gathered, grown, leaves
+from model_problems import DISTRIBUTIONS, conforming_positions, gathered, grown, leaves, refined_around, roots
+from mpi4py import MPI
 
 from fx_contact import (
     Beginning,
@@ -13,10 +14,10 @@ from fx_contact import (
     Dirichlet,
     Enforcement,
     Material,
-    PairingError,
     Pressure,
     Scene,
     SceneError,
+    SolveError,
     Solver,
     SymmetryPlane,
     adapt,
@@ -25,6 +26,7 @@ from fx_contact import (
     ring,
     root_mesh_from_shapes,
 )
+from fx_contact.contact.projection import Projection
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
@@ -72,15 +74,6 @@ def boxes(
     return replace(scene, **options)
 
 
-def refined_near(scene, body, reach=(0.6, 0.35)):
-    """The root cells, those of a body near a corner of the interface refined twice."""
-    forest = Beginning.uniform(scene, 0, WORLD).forest
-    for radius in reach:
-        near = np.linalg.norm(forest.centres - [0, 0, 1], axis=1) < radius
-        forest, _ = forest.refined(near & (scene.mesh.body[forest.cell] == scene.mesh.bodies.index(body)))
-    return Beginning.at_rest(forest)
-
-
 def first_step(scene, degree, beginning=None, tolerance=1e-13, **options):
     """The first step of a run, solved accurately."""
     solver = Solver(tolerance=tolerance)
@@ -101,7 +94,7 @@ class TestPatch:
     def test_tilted(self, degree, twist, refined):
         """On a tilted plane, meshes 3:4, twisted by up to 45 degrees, hanging nodes on either side."""
         scene = boxes((3, 3), (4, 4), (0.3, 0.2), twist)
-        beginning = None if refined is None else refined_near(scene, refined)
+        beginning = None if refined is None else refined_around(scene, (0, 0, 1), [refined])
         step = first_step(scene, degree, beginning)
         assert step.record.hanging_nodes > 0 or refined is None
         assert largest(step.contact.pressure / 0.01 - 1) < 1e-10
@@ -172,6 +165,34 @@ class TestMatching:
         for one, other in zip(pairs, mortar):
             everywhere(np.array_equal(leaves(one.forest), leaves(other.forest)), "other leaves")
         assert [s.record.force for s in mortar] == pytest.approx([s.record.force for s in pairs], rel=1e-7)
+
+
+@pytest.mark.ranks(1, 2, 3)
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+def test_rows_anywhere(distribution):
+    """Weights of a row add up to 1 and -1, B u of two translations is their jump, areas that of the surface."""
+    scene = boxes((3, 3), (4, 4))
+    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2, share=0.2))
+    prolongation = Prolongation(Space(forest, 2))
+    rows = create_rows(scene, prolongation, Enforcement())
+    entries, prolongation = rows.entries, rows.prolongation
+    for side, total in ((0, 1.0), (1, -1.0)):
+        sums = np.bincount(entries.row[entries.side == side], entries.weight[entries.side == side], len(rows))
+        everywhere(np.abs(sums - total).max(initial=0.0) < 1e-12, "weights")
+    per_row = np.bincount(entries.row, minlength=len(rows))
+    assert WORLD.allreduce(int(per_row.max(initial=0)), op=MPI.MAX) > 8 and rows.kinds[0].contact.first == "lower top"
+    _, body = conforming_positions(forest, prolongation)
+    u = np.where(body[:, None] == scene.mesh.bodies.index("lower"), [0.1, 0.2, 0.7], [0.3, 0.0, -0.2])
+    everywhere(np.abs(rows.jump(u) - 0.9).max(initial=0.0) < 1e-12, "B u")
+    everywhere(np.abs(rows.closing(u) - [-0.2, 0.2, 0.9]).max(initial=0.0) < 1e-12, "jump")
+    assert abs(WORLD.allreduce(float(rows.area.sum())) - 1) < 1e-12
+
+
+def test_projection_that_does_not_converge(monkeypatch):
+    """It is an error on all ranks, not a wrong force."""
+    monkeypatch.setattr(Projection, "_ITERATIONS", 2)
+    with pytest.raises(SolveError, match="projection .* has not converged in 2 iterations"):
+        first_step(boxes((3, 3), (4, 4)), 1)
 
 
 def overhanging(upper, lower, width, poisson=0.3):
@@ -245,21 +266,31 @@ def test_pressure_converges(disk, outer):
     assert here[0] / here[1] > 3.6 and np.all(np.array(here) < np.array(there))
 
 
+def pressed(bodies, down=0.01, order=1, **options):
+    """A block "upper" pressed onto one "lower", which is clamped below."""
+    return Scene(
+        name="pressed",
+        mesh=root_mesh_from_shapes(bodies),
+        materials=dict.fromkeys(bodies, Material(1.0, 0.3)),
+        dirichlet=(Dirichlet("lower bottom", 0, 0, 0), Dirichlet("upper top", 0, 0, -down)),
+        contact=(ContactPair(*("upper bottom", "lower top")[::order], **options),),
+    )
+
+
+def area_of_rows(scene, degree):
+    """The areas of the rows of all ranks."""
+    prolongation = Prolongation(Space(Beginning.uniform(scene, 0, WORLD).forest, degree))
+    return gathered(WORLD, create_rows(scene, prolongation, Enforcement()).area)
+
+
 def test_which_surface_has_the_rows():
     """The finer one where they face each other, said by the scene; not the one with more facets elsewhere."""
-    wide = block((0, 0, 0), (3, 1, 1), (2, 1, 1), 1)
-    fine = block((1, 0, 1), (2, 1, 2), (3, 3, 1), 1)
-    scene = Scene(
-        name="wide",
-        mesh=root_mesh_from_shapes({"wide": wide, "fine": fine}),
-        materials={"wide": Material(1.0, 0.3), "fine": Material(1.0, 0.3)},
-        dirichlet=(Dirichlet("wide bottom", 0, 0, 0), Dirichlet("fine top", 0, 0, -0.01)),
-        contact=(ContactPair("wide top", "fine bottom", direction=(0, 0, 1)),),
-    )
-    assert scene.oriented[0] == ContactPair("fine bottom", "wide top", direction=(0, 0, -1))
-    assert "rows on 'fine bottom'" in repr(scene) and "2 facets face 9" in repr(scene)
+    bodies = {"upper": block((1, 0, 1), (2, 1, 2), (3, 3, 1), 1), "lower": block((0, 0, 0), (3, 1, 1), (2, 1, 1), 1)}
+    scene = pressed(bodies, order=-1, direction=(0, 0, 1))
+    assert scene.oriented[0] == ContactPair("upper bottom", "lower top", direction=(0, 0, -1))
+    assert "rows on 'upper bottom'" in repr(scene) and "2 facets face 9" in repr(scene)
     record = first_step(scene, 1).record
-    assert record.force > 0 and record.resultants[0].force[2] == pytest.approx(record.force)  # of wide on fine
+    assert record.force > 0 and record.resultants[0].force[2] == pytest.approx(record.force)  # of lower on upper
 
 
 @pytest.mark.parametrize(
@@ -273,18 +304,8 @@ def test_moduli_that_are_alike(moduli, first):
 @pytest.mark.parametrize("order", [1, -1])
 def test_a_surface_smaller_than_a_sample(order):
     """No sample of the large facet faces the small one, which has the rows in any case."""
-    bodies = {
-        "plate": block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1),
-        "pin": block((0.5, 0.5, 1), (0.6, 0.6, 2), (1, 1, 1), 1),
-    }
-    scene = Scene(
-        name="pin",
-        mesh=root_mesh_from_shapes(bodies),
-        materials={body: Material(1.0, 0.3) for body in bodies},
-        dirichlet=(Dirichlet("plate bottom", 0, 0, 0), Dirichlet("pin top", 0, 0, -0.01)),
-        contact=(ContactPair(*("plate top", "pin bottom")[::order]),),
-    )
-    assert scene.oriented[0].first == "pin bottom"
+    plate, pin = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1), block((0.5, 0.5, 1), (0.6, 0.6, 2), (1, 1, 1), 1)
+    assert pressed({"upper": pin, "lower": plate}, order=order).oriented[0].first == "upper bottom"
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -294,31 +315,16 @@ def test_a_strip_from_afar(degree):
         "upper": block((0, 0, 1.4), (1, 1, 2), (4, 4, 1), 1),
         "lower": block((-1, -0.1, 0), (0.525, 1.1, 1), (3, 3, 1), 1),
     }
-    scene = Scene(
-        name="strip",
-        mesh=root_mesh_from_shapes(bodies),
-        materials={body: Material(1.0, 0.3) for body in bodies},
-        dirichlet=(Dirichlet("lower bottom", 0, 0, 0), Dirichlet("upper top", 0, 0, -0.5)),
-        contact=(ContactPair("upper bottom", "lower top"),),
-    )
-    prolongation = Prolongation(Space(Beginning.uniform(scene, 0, WORLD).forest, degree))
-    area = gathered(WORLD, create_rows(scene, prolongation, Enforcement()).area).sum()
-    assert scene.oriented[0].first == "upper bottom" and abs(area - 0.525) < 1e-12
+    scene = pressed(bodies, down=0.5)
+    assert scene.oriented[0].first == "upper bottom" and abs(area_of_rows(scene, degree).sum() - 0.525) < 1e-12
 
 
 def test_facets_between_clamped_sides():
     """All their nodes are held, and they keep their rows."""
     bodies = {"upper": block((0, 0, 1), (1, 1, 2), (1, 5, 1), 1), "lower": block((0, 0, 0), (1, 1, 1), (2, 2, 1), 1)}
     held = tuple(Dirichlet(f"{body} {side}", 0, 0, 0) for body in bodies for side in ("left", "right"))
-    scene = Scene(
-        name="clamped",
-        mesh=root_mesh_from_shapes(bodies),
-        materials={body: Material(1.0, 0.3) for body in bodies},
-        dirichlet=held,
-        contact=(ContactPair("upper bottom", "lower top"),),
-    )
-    prolongation = Prolongation(Space(Beginning.uniform(scene, 0, WORLD).forest, 1))
-    area = gathered(WORLD, create_rows(scene, prolongation, Enforcement()).area)
+    scene = replace(pressed(bodies), dirichlet=held)
+    area = area_of_rows(scene, 1)
     assert scene.oriented[0].first == "upper bottom" and len(area) == 12 and abs(area.sum() - 1) < 1e-12
 
 
@@ -354,16 +360,4 @@ def test_facets_that_face_nothing_hold_nothing():
             materials={body: Material(1.0, 0.3) for body in bodies},
             dirichlet=(Dirichlet("lower bottom", 0, 0, 0), Dirichlet("upper front", y=0.0)),
             contact=(ContactPair("corner", "lower top"),),
-        )
-
-
-def test_far_surfaces_do_not_face():
-    """Of surfaces beside each other no point faces one of the other."""
-    apart = block((0, 0, 0), (1, 1, 1), (2, 2, 1), 1), block((2, 0, 1), (3, 1, 2), (3, 3, 1), 1)
-    with pytest.raises(PairingError, match="do not face each other along their normals"):
-        Scene(
-            name="beside",
-            mesh=root_mesh_from_shapes(dict(zip(("one", "two"), apart))),
-            materials={"one": Material(1.0, 0.3), "two": Material(1.0, 0.3)},
-            contact=(ContactPair("one top", "two bottom"),),
         )

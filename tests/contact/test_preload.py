@@ -18,11 +18,9 @@ from fx_contact import (
     SymmetryPlane,
     Tie,
     Traction,
-    adapt,
     block,
     root_mesh_from_shapes,
     solve,
-    sweep,
 )
 
 PARALLEL = pytest.mark.ranks(1, 2, 3)
@@ -146,19 +144,6 @@ def test_together_with_a_settling_obstacle():
         step.record.motions["nothing"]
 
 
-@PARALLEL
-def test_restart_and_path(folder):
-    """A path over tensions: closings in proportion; a restart has them."""
-    found = [
-        point.step.record.motions[CUT.name]
-        for point in sweep(lambda f: rod(cut=replace(CUT, tension=f)), (0.1, 0.2), 0.1)
-    ]
-    assert found == pytest.approx([2 * f / YOUNG for f in (0.1, 0.2)], rel=1e-6)
-    list(adapt(rod((3, 3, 2)), 0.1, checkpoint=folder / "run"))
-    (last,) = adapt(rod((3, 3, 2)), 0.1, restart=folder / "run")
-    assert last.record.motions[CUT.name] == pytest.approx(2 * TENSION / YOUNG, rel=1e-6)
-
-
 def test_tightening_in_two_stages():
     """A closing beside a tension changes nothing: the motion is the whole closing."""
     first = solve(rod(), 0.1, solver=EXACT).record.motions[CUT.name]
@@ -173,18 +158,10 @@ def test_bad_sections():
         rod(cut=replace(CUT, axis=(0, 0, 1)))
     with pytest.raises(SceneError, match="out of the first side"):
         rod(cut=replace(CUT, axis=(0, 0.1, -1)))
-    for changes in (
-        {"tension": 0.0},
-        {"tension": -1.0},
-        {"tension": np.nan},
-        {"closing": "a"},
-        {"axis": (0, 0, 0)},
-        {"axis": 1.0},
-    ):
+    for changes in ({"tension": 0.0}, {"tension": np.nan}, {"closing": "a"}, {"axis": (0, 0, 0)}, {"axis": 1.0}):
         with pytest.raises(SceneError, match="'upper bottom' bolted to"):
             replace(CUT, **changes)
-    with pytest.raises(SceneError, match="no preload"):
-        replace(CUT, tension=None)
+    assert CUT.data != replace(CUT, tension=0.4).data != replace(CUT, tension=0.4, closing=0.01).data  # for restarts
     free = rod()
     with pytest.raises(SceneError, match="nothing holds"):
         replace(free, dirichlet=free.dirichlet[:-1])

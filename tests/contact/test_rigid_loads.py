@@ -8,7 +8,6 @@ from conftest import everywhere
 from model_problems import EXACT
 
 from fx_contact import (
-    CheckpointError,
     ContactPair,
     Dirichlet,
     Material,
@@ -25,6 +24,7 @@ from fx_contact import (
     root_mesh_from_shapes,
     solve,
 )
+from fx_contact.scene.fingerprint import scene_parts
 
 PARALLEL = pytest.mark.ranks(1, 2, 3)
 DEGREES = pytest.mark.parametrize("degree", (1, 2))
@@ -210,7 +210,6 @@ def test_rigid_face_without_load():
 def test_bad_rigid_loads():
     """Loads that cannot be meant are refused."""
     for make, message in (
-        (lambda: RigidLoad("bar top", (1, 2)), "force of the rigid load"),
         (lambda: RigidLoad("bar top", moment=(1, np.nan, 0)), "moment of the rigid load"),
         (lambda: bar(RigidLoad("bar tip", (1, 0, 0))), "bar top"),
         (lambda: bar(RigidLoad("bar bottom", (1, 0, 0))), "conditions hold its surface"),
@@ -219,18 +218,11 @@ def test_bad_rigid_loads():
     ):
         with pytest.raises(SceneError, match=message):
             make()
-    two = RigidLoad("bar top", (0, 0, 1.0)), RigidLoad("bar top", (0, 0, 2.0))
-    with pytest.raises(SceneError, match="shares nodes"):
-        bar(two)
 
 
-@PARALLEL
-def test_restart(folder):
-    """A run goes on from a checkpoint with its motion; another moment is refused."""
+def test_every_number_of_a_load_counts():
+    """A scene with another force, moment or point is another one for a restart."""
     load = RigidLoad("bar top", FORCE, MOMENT)
-    scene = bar(load, STEEL, cells=(2, 2, 4))
-    through = list(adapt(scene, 0.2, max_steps=2, checkpoint=folder / "run"))
-    *_, last = adapt(scene, 0.2, max_steps=3, restart=folder / "run")
-    assert last.record.motions["bar top"] == pytest.approx(through[-1].record.motions["bar top"], rel=0.1)
-    with pytest.raises(CheckpointError, match="rigid loads"):
-        list(adapt(bar(replace(load, moment=(0, 0, 1)), STEEL, cells=(2, 2, 4)), 0.2, restart=folder / "run"))
+    others = replace(load, force=MOMENT), replace(load, moment=FORCE), replace(load, point=(0.0, 0.0, 1.0))
+    assert all(scene_parts(bar(other)) != scene_parts(bar(load)) for other in others)
+    assert scene_parts(bar(replace(load))) == scene_parts(bar(load)) != scene_parts(bar(()))

@@ -7,7 +7,6 @@ from model_problems import leaves
 from mpi4py import MPI
 
 from fx_contact import (
-    Checkpoint,
     ContactPair,
     Dirichlet,
     Displacement,
@@ -20,7 +19,6 @@ from fx_contact import (
     block,
     root_mesh_from_shapes,
     solve,
-    sweep,
 )
 
 FORCE = 1e-3
@@ -70,29 +68,6 @@ def test_forces(degree, most):
                 assert np.abs([*one.force, *one.moment]).max() < 1e-7 * FORCE
         rows = here.rows
         everywhere(np.isfinite(rows.modulus[:, 0]).all() and (rows.bodies[:, 0] == 1).all(), "bodies of the rows")
-
-
-@pytest.mark.ranks(2)
-def test_restart(folder):
-    """A run goes on from its checkpoint to the same leaves and forces."""
-    scene = pressed(moved=(0.0, 0.0, -0.02))
-    through = list(adapt(scene, 0.4, degree=1))
-    begun = list(adapt(scene, 0.4, degree=1, checkpoint=folder, max_steps=1))
-    assert len(begun) == 1 < len(through)
-    ended = list(adapt(scene, 0.4, degree=1, restart=Checkpoint(folder, scene, WORLD)))
-    everywhere(np.array_equal(leaves(ended[-1].forest), leaves(through[-1].forest)), "other leaves")
-    assert np.allclose(ended[-1].record.pair_forces, through[-1].record.pair_forces, rtol=1e-7)
-
-
-@pytest.mark.ranks(2)
-def test_a_load_path(folder):
-    """Each point begins with the leaves of the one before, also after a restart, and has its forces."""
-    ways, options = [-0.01, -0.02], {"tolerance": 0.4, "degree": 1, "folder": folder}
-    list(sweep(lambda way: pressed(moved=(0.0, 0.0, way)), ways[:1], **options))
-    (last,) = sweep(lambda way: pressed(moved=(0.0, 0.0, way)), ways, restart=True, **options)
-    assert last.record.begun == "coarse"
-    alone = solve(pressed(moved=(0.0, 0.0, ways[1])), 0.4, degree=1).record
-    assert np.allclose(last.step.record.pair_forces, alone.pair_forces, rtol=0.4**2)
 
 
 @pytest.mark.ranks(2)

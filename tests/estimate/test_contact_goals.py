@@ -6,12 +6,10 @@ from functools import partial
 import numpy as np
 import pytest
 from conftest import WORLD
-from model_problems import DEPTH, PULL, THICKNESS, WIDTH, leaves, plates
-from mpi4py import MPI
+from model_problems import DEPTH, PULL, THICKNESS, WIDTH, plates
 
-from fx_contact import ContactForce, Enforcement, Solver, adapt
+from fx_contact import ContactForce, Enforcement, adapt
 from fx_contact.adaptive.beginning import Beginning
-from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.contact.enforcement import METHODS
 from fx_contact.estimate.contact_goals import force_goals
 from fx_contact.estimate.dual_weighted import Goals
@@ -142,34 +140,6 @@ def test_a_new_beginning():
     beginning = Beginning.after(step, np.zeros(len(step.forest), dtype=int))
     again = next(adapt_linear(step.scene, 0.2, beginning=beginning))
     assert not again.record.reached and again.record.pair_leaves == step.record.pair_leaves
-
-
-def test_restart(tmp_path):
-    """What forces need is known after a restart, and with another tolerance found anew."""
-    folder, scene = WORLD.bcast(tmp_path), beam(0.9)
-    through = list(adapt_linear(scene, 0.2, max_steps=5))
-    assert through[3].record.pair_leaves[0] > 0
-    list(adapt_linear(scene, 0.2, max_steps=4, checkpoint=folder))
-    *_, again = adapt_linear(scene, 0.2, max_steps=5, restart=Checkpoint(folder, scene, WORLD))
-    assert np.array_equal(leaves(again.forest), leaves(through[4].forest))
-    assert abs(again.record.pair_errors[0] - through[4].record.pair_errors[0]) < 1e-6
-    *_, closer = adapt_linear(scene, 0.1, max_steps=6, restart=Checkpoint(folder, scene, WORLD))
-    assert closer.record.pair_errors[0] < again.record.pair_errors[0]
-
-
-@pytest.mark.ranks(2, 3)
-def test_any_number_of_ranks():
-    """What dual solutions ask for is the same, though the force is light beside what the solver is accurate to."""
-    scene, solver = beam(0.85, poisson=0.4, tension=1e-2), Solver(tolerance=1e-10)
-    alone, together = (
-        [step.record for step in adapt_linear(scene, 0.2, comm, solver=solver, max_steps=4)]
-        for comm in (MPI.COMM_SELF, WORLD)
-    )
-    assert [one.pair_leaves for one in alone] == [one.pair_leaves for one in together]
-    assert [one.dofs for one in alone] == [one.dofs for one in together] and together[1].pair_leaves != [0]
-    for one, other in zip(alone[1:], together[1:]):
-        assert abs(other.pair_errors[0] / one.pair_errors[0] - 1) < 1e-4
-        assert abs(other.force / one.force - 1) < 1e-5
 
 
 def test_marking():

@@ -9,11 +9,9 @@ from model_problems import gathered, leaves, roots, strewn
 from mpi4py import MPI
 
 from fx_contact import ErrorControl, Material, adapt
-from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.estimate.estimator import Estimate
 from fx_contact.estimate.marking import for_tolerance
 from fx_contact.geometry.lattice import SIDE
-from fx_contact.parallel.errors import CheckpointError
 from fx_contact.scenes import indentation, stack
 
 CONTACT, ENERGY = ErrorControl(), ErrorControl("energy")
@@ -198,18 +196,6 @@ def test_the_mode_energy_may_stop_on_the_first_mesh():
     first, *_, last = adapt(scene, 2 * only.record.estimate)
     assert not first.record.reached and last.record.reached and last.record.assumed_effectivity == 1
     assert last.record.dofs < 4 * first.record.dofs, "refined as a whole"
-
-
-def test_a_run_goes_on_with_its_own_control(tmp_path):
-    """Checkpoints remember the control: another one is refused, the same goes on to the same mesh."""
-    folder, scene = WORLD.bcast(tmp_path), indentation(coarse=2)
-    through = list(adapt(scene, 0.2, control=ENERGY, max_steps=3))
-    list(adapt(scene, 0.2, control=ENERGY, max_steps=2, checkpoint=folder))
-    with pytest.raises(CheckpointError, match="error control"):
-        adapt(scene, 0.2, restart=Checkpoint(folder, scene, WORLD))
-    same = ErrorControl("energy", target=0.8)  # which this mode does not use
-    (again,) = adapt(scene, 0.2, control=same, max_steps=3, restart=Checkpoint(folder, scene, WORLD))
-    assert np.array_equal(leaves(again.forest), leaves(through[-1].forest))
 
 
 def test_reports():

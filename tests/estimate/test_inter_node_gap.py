@@ -12,7 +12,7 @@ from fx_contact import ContactPair, Dirichlet, Enforcement, Material, Scene, ada
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
 from fx_contact.contact.row_kinds import kinds_of
-from fx_contact.estimate.inter_node_gap import GapBetweenNodes, _Facets, _simpson
+from fx_contact.estimate.inter_node_gap import GapBetweenNodes, _Facets
 from fx_contact.fem.space import Space
 from fx_contact.scenes import punch
 from fx_contact.surfaces.facet_pairing import leaf_code
@@ -260,15 +260,6 @@ def test_waves_that_seem_flat(phase):
     assert first.estimate < 0.3 and any(record.pair_leaves[0] for record in others) and last.reached
     *_, fine = (step.record for step in adapt(scene, 0.3, degree=1, beginning=Beginning.uniform(scene, 2)))
     assert abs(last.force / fine.force - 1) < 0.3**2 < abs(first.force / fine.force - 1)
-
-
-@pytest.mark.parametrize("count", [3, 5, 7])
-def test_simpson(count):
-    """The rule on a facet of area 1 is exact for x^3 y^3, and not for x^4."""
-    y, x = np.array(np.divmod(np.arange(count**2), count)) / (count - 1)
-    rule = _simpson(count)
-    assert abs(rule.sum() - 1) < 1e-14 and abs((x**3 * y**3) @ rule - 1 / 16) < 1e-14
-    assert abs(x**4 @ rule - 1 / 5) > 1e-6
 
 
 def facet(bulge=0.0):

@@ -9,8 +9,6 @@ from petsc4py import PETSc
 from fx_contact import SceneError, Solver, adapt
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
-from fx_contact.fem.prolongation import Prolongation
-from fx_contact.fem.space import Space
 from fx_contact.fem.supports import Supports
 from fx_contact.linalg.krylov import ConjugateGradients
 from fx_contact.linalg.operator import MatrixOperator
@@ -48,19 +46,6 @@ def test_coarse_matrix_is_the_galerkin_product(problem):
     product = aij(elasticity.stiffness().mat).ptap(coarse.interpolation)
     assert product.norm() > 1
     assert (product - coarse.matrix).norm() < 1e-12 * product.norm()
-
-
-def test_linear_fields_are_interpolated_exactly(problem):
-    """Values of a linear field at the nodes of degree 1 give those at the nodes of degree 2."""
-    _, forest, elasticity = problem
-    coarse = create_coarse_level(elasticity, free(elasticity))
-    below, _ = conforming_positions(forest, Prolongation(Space(forest, 1)))
-    above, _ = conforming_positions(forest, elasticity.prolongation)
-    y, x = coarse.interpolation.createVecs(side="left"), coarse.interpolation.createVecs(side="right")
-    gradient = np.array([[1.0, 2.0, 0.0], [-1.0, 3.0, 1.0], [0.5, -2.0, -2.0]])
-    x.array[:] = (below @ gradient + 1).ravel()
-    coarse.interpolation.mult(x, y)
-    everywhere(np.abs(y.array - (above @ gradient + 1).ravel()).max(initial=0) < 1e-13, "another linear field")
 
 
 def test_prescribed_components_are_not_interpolated(problem):

@@ -1,7 +1,5 @@
 """Stiffness and contact terms on the conforming unknowns, against matrices gathered to every rank."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import ufl
@@ -34,11 +32,7 @@ from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
-from fx_contact.fem.external_forces import load
-from fx_contact.fem.prolongation import Prolongation
-from fx_contact.fem.space import Space
 from fx_contact.fem.supports import Supports
-from fx_contact.items.boundary_conditions import Traction
 from fx_contact.items.materials import Material
 from fx_contact.linalg.matrix import as_aij, diagonal_blocks
 
@@ -266,29 +260,6 @@ def test_diagonal_blocks_of_a_rank_without_rows():
     everywhere((y.array == expected[: len(y.array)]).all() and len(y.array) == size, "other blocks")
 
 
-def test_strewn_pairs_are_not_local():
-    """The check above can fail: on a random partition facing vertices have different owners."""
-    if WORLD.size == 1:
-        pytest.skip("one rank owns everything")
-    scene = pressed(two_boxes())
-    forest = DISTRIBUTIONS["strewn"](grown(roots(scene), 3, share=0.1))
-    prolongation = prolongation_of(scene, forest)
-    pairs = create_rows(scene, prolongation, Enforcement())
-    assert WORLD.allreduce(int((pairs.entries.node >= prolongation.owned).sum())) > 0
-
-
-@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
-@pytest.mark.parametrize("rounds", [0, 1, 3])
-def test_tributary_area(distribution, rounds):
-    """The tributary areas of flat contact surfaces add up to the surfaces' area, however they are refined."""
-    scene = pressed(two_boxes(margin=1, flat_contact=False))
-    forest = DISTRIBUTIONS[distribution](grown(roots(scene), rounds))
-    pairs = create_rows(scene, prolongation_of(scene, forest), Enforcement())
-    assert abs(WORLD.allreduce(pairs.area.sum()) - 4) < 1e-13
-    everywhere((pairs.area > 0).all(), "a pair without area")
-    everywhere(np.abs(pairs.gap).max(initial=0) < 1e-13, "a gap between surfaces that touch")
-
-
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
 @pytest.mark.parametrize("make", [corner_scene, side_by_side])
 def test_pairs_of_two_surfaces(make, distribution):
@@ -339,63 +310,6 @@ def test_fields_do_not_disturb_each_other(poisson):
     same = [(function.x.array == values).all() for function, values in zip(functions, before)]
     everywhere(all(same) and len(same) == 1 + (poisson > 0.4), "another displacement")
     everywhere((elasticity.internal_forces(one) == forces).all(), "other forces")
-
-
-@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
-def test_rigid_motions_have_no_energy(distribution):
-    """Translations and rotations of each body by itself cost nothing on straight-sided cells."""
-    scene = pressed(two_boxes(distortion=0.2))
-    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
-    elasticity = discrete(scene, forest)
-    matrix = elasticity.stiffness().mat
-    matrix.assemble()
-    position, body = conforming_positions(forest, elasticity.prolongation)
-    x, y = matrix.createVecs()
-    stiffest = matrix.norm(PETSc.NormType.INFINITY)
-    for which in (0, 1):
-        motions = [np.broadcast_to(axis, position.shape) for axis in np.eye(3)]
-        motions += [np.cross(axis, position) for axis in np.eye(3)]
-        for motion in motions:
-            x.array[:] = np.where((body == which)[:, None], motion, 0).ravel()
-            matrix.mult(x, y)
-            assert y.norm(PETSc.NormType.INFINITY) < 1e-13 * stiffest * x.norm(PETSc.NormType.INFINITY)
-    x.array[:] = (position * [1, 0, 0]).ravel()
-    matrix.mult(x, y)
-    assert x.dot(y) > 1, "a strain has energy"
-
-
-def test_traction_load():
-    """The load of a traction adds up to traction times area, with hanging vertices and on a curved surface."""
-    mesh = two_boxes(order=2, bend=0.1)
-    scene = replace(pressed(mesh), tractions=(Traction("upper x high", (1.0, 2.0, -3.0)),))
-    total = []
-    for comm, rounds in ((MPI.COMM_SELF, 0), (WORLD, 3)):
-        forest = grown(roots(scene, comm), rounds)
-        forest = DISTRIBUTIONS["strewn"](forest) if rounds else forest
-        elasticity = discrete(scene, forest, 2)
-        forces = load(scene, forest, elasticity)
-        total.append(comm.allreduce(forces.sum(axis=0)))
-    assert elasticity.prolongation.hanging_global > 0
-    x = mesh.facet_points(mesh.surface("upper x high"), order=64).reshape(-1, 65, 65, 3)
-    cell = np.cross(x[:, 1:, 1:] - x[:, :-1, :-1], x[:, 1:, :-1] - x[:, :-1, 1:]) / 2
-    area = np.linalg.norm(cell, axis=-1).sum()
-    for force in total:
-        assert np.abs(force - area * np.array([1, 2, -3])).max() < 1e-3 * area
-
-
-def test_prescribed_values_at_surfaces_and_vertices():
-    """Every owned conforming vertex on a held surface has its value on any distribution; no other vertex has one."""
-    scene = pressed(two_boxes(margin=1))
-    for distribution in DISTRIBUTIONS.values():
-        forest = distribution(grown(roots(scene), 3))
-        prolongation = Prolongation(Space(forest, 1))
-        prescribed = find_supports(scene, forest, prolongation).prescribed
-        x, _ = conforming_positions(forest, prolongation)
-        expected = np.full((len(x), 3), np.nan)
-        expected[x[:, 2] < -1 + 1e-12] = 0
-        expected[x[:, 2] > 2 - 1e-12] = [0, 0, -0.02]
-        everywhere(np.array_equal(prescribed, expected, equal_nan=True), "another value than prescribed")
-        assert WORLD.allreduce(int((~np.isnan(expected)).sum())) > 50
 
 
 def test_ranks_without_leaves():

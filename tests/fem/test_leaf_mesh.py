@@ -27,7 +27,6 @@ from fx_contact.fem.space import Space
 from fx_contact.geometry import hexahedron
 from fx_contact.geometry.lattice import SIDE
 from fx_contact.parallel.compat import geometry_nodes
-from fx_contact.scenes import hertz
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
@@ -150,19 +149,6 @@ def test_sufficient_order():
         assert falling == sorted(falling, reverse=True) and falling[-1] < falling[0]
 
 
-def test_sufficient_order_holds_its_tolerance():
-    """Between the nodes too, maps of the chosen order keep within the tolerance of the exact ones."""
-    forest = bent(6)
-    line = np.linspace(0, 1, 11)
-    exact = forest.mesh.evaluate(forest.cell, np.broadcast_to(line, (len(forest), 3, 11)))
-    for tolerance in (1e-2, 1e-3, 1e-4):
-        q = sufficient_order(forest, tolerance)
-        nodes = forest.mesh.evaluate(forest.cell, np.broadcast_to(np.linspace(0, 1, q + 1), (len(forest), 3, q + 1)))
-        coarse = hexahedron.tensor_evaluate((hexahedron.lagrange(q, line),) * 3, nodes)
-        off = np.linalg.norm(exact - coarse, axis=2).max(initial=0)
-        everywhere(off < 2 * tolerance, f"order {q} for {tolerance}")
-
-
 def test_sufficient_order_of_a_graded_forest():
     """Judged by ancestors, the order is the lowest with which every leaf itself is close enough to its root's map."""
     forest = bent(6)
@@ -199,18 +185,6 @@ def test_evaluate(order):
     expected = np.einsum("nck,nbj,nai,nkjid->ncbad", fz, fy, fx, nodal, optimize=True).reshape(200, 8, 3)
     assert np.abs(mesh.evaluate(cells, coordinates) - expected).max() < 1e-13
     assert mesh.evaluate(cells[:0], coordinates[:0]).shape == (0, 8, 3)
-
-
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
-def test_volume_of_spheres(order):
-    """The volume of Hertz' half-spheres is that of the root mesh on any refinement, and converges with the order."""
-    scene = hertz(order=order, coarse=2)
-    forest = roots(scene)
-    before = volume(create_leaf_mesh(forest, order).mesh, order)
-    forest = DISTRIBUTIONS["contact-sfc"](grown(forest, 2, share=0.2))
-    assert Prolongation(Space(forest, 1)).hanging_global > 20
-    assert abs(volume(create_leaf_mesh(forest, order).mesh, order) / before - 1) < 1e-12
-    assert abs(before / (np.pi / 3) - 1) < [0.1, 3e-3, 3e-4, 1e-4][order - 1]
 
 
 def test_deep_leaves():

@@ -6,12 +6,10 @@ from conftest import WORLD, everywhere
 from model_problems import (
     DISTRIBUTIONS,
     chosen,
-    gathered,
     gathered_prolongation,
     grown,
     pressed,
     roots,
-    scramble,
     split,
     two_boxes,
     vertex_positions,
@@ -133,21 +131,3 @@ def test_restrict_is_the_transpose(forest, distribution):
     left = WORLD.allreduce((y * prolongation.prolong(x)).sum())
     right = WORLD.allreduce((prolongation.restrict(y) * x).sum())
     assert abs(left - right) < 1e-12 * WORLD.allreduce(np.abs(y).sum())
-
-
-def test_owners_of_facing_vertices(forest):
-    """Where facing leaves are on one rank, however strewn, the owner of a vertex owns the one that faces it."""
-    forest, _ = forest.moved(scramble(forest.representatives, 1) % np.uint64(WORLD.size))
-    prolongation = Prolongation(Space(forest, 1))
-    leaf, face = forest.contact_faces()
-    points = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
-    cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
-    keys = forest.lattice.keys(forest.cell[leaf], points)
-    copies = np.unique(gathered(WORLD, np.unique(keys)), return_counts=True)[1]
-    assert WORLD.size == 1 or (copies > 1).sum() >= 8, "ranks share too few vertices of the contact surface"
-    mine, other = (prolongation.space.find(k) for k in (keys, forest.lattice.keys(cell, opposite)))
-    everywhere((other >= 0).all(), "a facing vertex is not on this rank")
-    place = prolongation.conforming[mine], prolongation.conforming[other]
-    owned = [(p >= 0) & (p < prolongation.owned) for p in place]
-    assert WORLD.allreduce(int(owned[0].sum())) > 10
-    everywhere((owned[0] == owned[1]).all(), "facing vertices have different owners")

@@ -5,7 +5,6 @@ import pytest
 from conftest import WORLD, everywhere
 from model_problems import DISTRIBUTIONS, gathered, grown, pressed, roots, two_boxes
 
-from fx_contact import SceneError
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space, child_error
 from fx_contact.geometry import hexahedron
@@ -38,13 +37,6 @@ def test_polynomials_through_hanging_nodes(degree, distribution):
     everywhere(np.abs(prolongation.matrix.sum(axis=1) - 1).max() < 1e-14, "a row of P does not sum to one")
 
 
-@pytest.mark.parametrize("degree", [0, 3, 4, 1.0, True, "2", [2]])
-def test_other_degrees(degree):
-    """Thirds of a leaf are no points of the lattice."""
-    with pytest.raises(SceneError, match="degree 1 or 2, got .*not cut in three"):
-        Space(roots(pressed(two_boxes(upper=(1, 1, 1)), contact=True)), degree)
-
-
 @pytest.mark.parametrize("degree", [1, 2])
 def test_nodes_are_shared(degree):
     """The nodes of a box of n cells an edge without hanging ones are (p n + 1)^3 of it, counted once."""
@@ -63,17 +55,6 @@ def test_nodes_that_hang(degree):
     numbers = WORLD.allgather(forest.cell[upper].tolist())
     forest, _ = forest.refined(forest.cell == min(sum(numbers, [])))
     assert Prolongation(Space(forest, degree)).hanging_global == (2 * degree + 1) ** 2 - (degree + 1) ** 2
-
-
-def test_quadratic_nodes_have_no_chains():
-    """A vertex on a coarser leaf is that leaf's middle node: at degree 2 no vertex of a leaf hangs."""
-    space = Space(affine_forest(), 2)
-    prolongation = Prolongation(space)
-    corners = space.cells[:, hexahedron.corner_nodes(2)]
-    everywhere(not prolongation.hanging[corners].any(), "a vertex hangs")
-    entries = np.unique(np.abs(prolongation.matrix.data))
-    products = np.unique(np.outer([1, 2, 3, 6, 8], [1, 3, 6, 8]))
-    everywhere(np.isin(np.round(64 * entries, 9), products).all(), "weights are products of 3/8, 3/4, 1/8 and 1")
 
 
 def test_facing_nodes_are_owned_together():

@@ -164,17 +164,6 @@ def test_facing_leaves(scene, distribution):
         everywhere((find_leaves(forest, cell, anchor) >= 0).all(), "facing leaves on two ranks")
 
 
-def test_facing_leaves_coincide(scene):
-    """The corners of facing leaf faces are at the same place, corner by corner (the initial gap is zero)."""
-    forest = grown(roots(scene), 3)
-    leaf, face = forest.contact_faces()
-    points = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
-    cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
-    at = [forest.evaluate(*place) for place in ((forest.cell[leaf], points), (cell, opposite))]
-    assert WORLD.allreduce(len(leaf)) > 2 * len(np.argwhere(scene.contact_surfaces.contact >= 0))
-    everywhere(np.abs(at[0] - at[1]).max(initial=0) < 1e-13, "facing corners apart")
-
-
 @pytest.mark.parametrize("corner", [False, True])
 def test_facing_vertices_hang_together(scene, corner):
     """A vertex on a contact surface hangs if and only if the vertex that faces it does, on the rim too.

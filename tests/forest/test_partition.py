@@ -101,17 +101,6 @@ def test_same_parts_in_serial(kind):
     assert len(alone) > 300 * WORLD.size
 
 
-def test_equidistributed_shares():
-    """Contact leaves are on ranks of their own, about as many of them as their share of all leaves."""
-    forest, _ = repartition(grown(roots(pressed(two_boxes(margin=1))), 4), None, "equidistributed")
-    touching = len(np.unique(forest.contact_faces()[0]))
-    rows = np.array(WORLD.allgather((touching, len(forest))))
-    if WORLD.size > 1:
-        assert ((rows[:, 0] == 0) | (rows[:, 0] == rows[:, 1])).all(), "contact leaves beside others"
-        share = WORLD.size * rows[:, 0].sum() / rows[:, 1].sum()
-        assert (rows[:, 0] > 0).sum() == min(max(round(share), 1), WORLD.size - 1)
-
-
 @pytest.mark.parametrize("parts", [2, 10, 37])
 def test_equidistributed_parts(parts):
     """The same of any number of parts, each of about the same weight as those beside it."""
@@ -123,17 +112,6 @@ def test_equidistributed_parts(parts):
     assert (contact > 0).sum() == min(max(round(parts * contact.sum() / len(forest)), 1), parts - 1)
     for weights in (contact, others):
         assert np.ptp(weights[weights > 0]) <= 2
-
-
-@pytest.mark.parametrize("kind", list(KINDS))
-def test_more_ranks_than_root_cells(kind):
-    """Two root cells, once refined, can be spread over more ranks than two."""
-    forest = roots(pressed(two_boxes(upper=(1, 1, 1))))
-    for _ in range(2):
-        forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
-    moved, _ = repartition(forest, None, kind)
-    assert moved.size_global == 128
-    everywhere(len(moved) > 0, "a rank without leaves")
 
 
 @pytest.mark.parametrize("kind", list(KINDS))

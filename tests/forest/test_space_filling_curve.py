@@ -98,33 +98,6 @@ def test_cut_does_not_depend_on_the_distribution(parts):
         everywhere(np.array_equal(cuts, expected), f"{part}: other cuts")
 
 
-def bisected(keys, weights, parts):
-    """Part of each key, by cuts that are bisected to the end, each for itself, of a curve on one rank."""
-    cuts, total = [], weights.sum()
-    for target in total * np.arange(1, parts) / parts:
-        low, high = 0, int(keys.max()) + 1
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (low, middle) if weights[keys < middle].sum() >= target else (middle, high)
-        below, above = weights[keys < low].sum(), weights[keys < high].sum()
-        cuts.append(low if target - below < above - target else high)
-    return np.searchsorted(cuts, keys, side="right")
-
-
-@pytest.mark.parametrize("distinct", [40, 15, 3])
-@pytest.mark.parametrize("lightest, heaviest", [(1, 1), (1, 2), (2, 3), (1, 9)])
-def test_cuts_are_those_of_plain_bisection(distinct, lightest, heaviest):
-    """With keys that are distinct or not, of equal weight or not, also in more parts than keys and on empty ranks."""
-    rng = np.random.default_rng(distinct + 10 * heaviest)
-    keys = rng.choice(rng.integers(0, 1 << 50, distinct), 40, replace=distinct < 40)
-    weights = rng.integers(lightest, heaviest, 40, endpoint=True)
-    for parts, ranks in ((2, "blocks"), (7, "strewn"), (60, "last"), (60, "strewn")):
-        mine = share_of(ranks, len(keys))
-        cuts = space_filling_curve.cut_curve(WORLD, keys[mine], weights[mine], parts)
-        part = np.searchsorted(cuts, keys, side="right")
-        everywhere(np.array_equal(part, bisected(keys, weights, parts)), f"{parts} parts: other than by bisection")
-
-
 def test_cuts_that_are_found_cost_nothing_more(monkeypatch):
     """Keys that differ in their first six bits take six rounds, whatever follows, and a threshold is asked for once."""
     asked, below = [], space_filling_curve._below

@@ -10,7 +10,7 @@ from model_problems import corner_scene
 from fx_contact import Enforcement, Material, adapt
 from fx_contact.law import contact_solver
 from fx_contact.law.interior_point import find_closed_rows
-from fx_contact.scenes import cylinders, hertz, shrink_fit, spheres, stack
+from fx_contact.scenes import hertz, shrink_fit, spheres
 from studies.cost.leaf_springs import leaf_springs
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
@@ -25,9 +25,7 @@ CASES = {
     "stiff penalty": (partial(hertz, coarse=2), {"enforcement": Enforcement("penalty", factor=1e10)}),
     "nodes in two rows": (corner_scene, {}),
     "rubber": (partial(spheres, coarse=2, lower=RUBBER, upper=RUBBER), {}),
-    "cylinders": (partial(cylinders, coarse=2), {}),
     "interference": (shrink_fit, {}),
-    "two contacts": (stack, {}),
 }
 
 

@@ -105,14 +105,3 @@ def test_a_krylov_method_takes_any_operator(problem):
         outcome = method.solve(Equations(load), np.zeros_like(load), 1e-8, 500)
     assert outcome.reason > 0
     assert energy_norm(outcome.displacement - exact) < 1e-6 * energy_norm(exact)
-
-
-def test_an_operator_needs_both():
-    """A product alone is no operator."""
-
-    class Half(Operator):
-        def add_product(self, u, y):
-            """y := y + u."""
-
-    with pytest.raises(TypeError, match="diagonal"):
-        Half()

@@ -1,7 +1,6 @@
 """The house keeps its order: imports point downward, the library is silent, and what is optional stays optional."""
 
 import ast
-import re
 from pathlib import Path
 
 import pytest
@@ -60,11 +59,9 @@ def modules_imported(path):
 
 
 def outer_statements(body):
-    """Statements that run when a module is imported: not those inside functions or `if TYPE_CHECKING`."""
+    """Statements that run when a module is imported: not those inside functions."""
     for node in body:
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
-            continue
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
             continue
         yield node
         yield from outer_statements(ast.iter_child_nodes(node))
@@ -143,22 +140,9 @@ def test_optional_packages_are_imported_where_needed(path):
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_releases_are_told_apart_in_one_place(path):
-    """No module asks for a release by its number, and none but `compat` tries what a release has."""
-    for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.Attribute) and name_of(path) != "parallel.versions":
-            assert node.attr not in ("__version__", "version_info"), f"line {node.lineno}"
-        if isinstance(node, ast.ExceptHandler) and node.type is not None and name_of(path) != "parallel.compat":
-            tried = {getattr(kind, "id", "") for kind in ast.walk(node.type)}
-            assert not tried & {"ImportError", "ModuleNotFoundError", "AttributeError"}, f"line {node.lineno}"
-
-
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_files_are_short(path):
-    """One concept a file: no more than 400 lines, none longer than 120 characters."""
-    lines = path.read_text().splitlines()
-    assert len(lines) <= 400
-    assert max(map(len, lines), default=0) <= 120
+    """One concept a file: no more than 350 lines."""
+    assert len(path.read_text().splitlines()) <= 350
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
@@ -171,35 +155,11 @@ def test_functions_are_short(path):
             assert length <= 60, f"{node.name} has {length} lines"
 
 
-#: Words that only their author knew, and the field's words for them.
-RETIRED = {
-    r"\bspots?\b": "contact patch",
-    r"(?<!initial )\boverlap(s|ped|ping)?\b": "penetration; `initial overlap` is the name of a doubt",
-    r"\bunseen\b": "between nodes",
-    r"\bunrest\b": "noise",
-    r"\bsees\b": "effectivity, or what it knows",
-    r"\bat rest\b": "unloaded, zero displacement",
-    r"\bsquares add up": "energy errors add in squares",
-    r"home-made": "own",
-}
-
-TOP = Path(__file__).parents[2]
-PAGES = [*sorted(TOP.glob("*.md")), *sorted((TOP / "notebooks").glob("*.py"))]
-STUDIES = sorted(p for name in ("demos", "studies") for p in (TOP / name).rglob("*.*") if p.suffix in (".py", ".md"))
-
-
-@pytest.mark.parametrize("path", [*MODULES, *PAGES, *STUDIES], ids=str)
-def test_words_of_the_field(path):
-    """Code, comments and pages use the field's words."""
-    for number, line in enumerate(path.read_text().splitlines(), 1):
-        for word, better in RETIRED.items():
-            assert not re.search(word, line, re.IGNORECASE), f"line {number}: {word} (say {better})"
-
-
 def test_the_checks_can_fail():
     """An import upward, a print, and an outer optional import are seen."""
     bad = ast.parse(
-        "import gmsh\nfrom fx_contact.adaptive.step import solve_step\ndef f():\n    import pyvista\n    print(1)\n"
+        "import gmsh\nfrom fx_contact.adaptive.step import solve_step\nif TYPE_CHECKING:\n    import h5py\n"
+        "def f():\n    import pyvista\n    print(1)\n"
     )
     assert list(own_imports(bad)) == ["adaptive.step.solve_step"]
-    assert set().union(*map(packages, outer_statements(bad.body))) & OPTIONAL == {"gmsh"}
+    assert set().union(*map(packages, outer_statements(bad.body))) & OPTIONAL == {"gmsh", "h5py"}

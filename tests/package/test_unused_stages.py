@@ -14,8 +14,7 @@ import fx_contact.plot
 import fx_contact.surfaces.facet_pairing
 from fx_contact import ContactPair, Dirichlet, RigidPlane, adapt
 from fx_contact.forest.forest import Forest
-from fx_contact.parallel.compat import geometry_nodes
-from fx_contact.scenes import hertz, indentation, patch
+from fx_contact.scenes import indentation, patch
 
 
 class Calls:
@@ -87,16 +86,6 @@ def test_obstacles_without_forces(calls):
         assert (made["create_rows"] == 1) == (not settled)
 
 
-@pytest.mark.parametrize("order", [1, 3, 6])
-def test_affine_cells_have_order_one(order):
-    """Whatever the order of the root mesh, affine leaves have eight nodes; round ones have more."""
-    step = next(iter(adapt(indentation(order=order, coarse=2), 0.5)))
-    assert step.record.geometry_order == 1 and geometry_nodes(step.leaf_mesh.mesh).shape[1] == 8
-    if order > 1:
-        step = next(iter(adapt(hertz(order=order, coarse=2, displacement=0.05), 0.01, max_steps=1)))
-        assert step.record.geometry_order > 1 and geometry_nodes(step.leaf_mesh.mesh).shape[1] > 8
-
-
 def test_one_rank_is_not_partitioned(calls, monkeypatch):
     """On one rank no super-elements are built, no leaf is sent; on more they are."""
     for name in ("Units", "_moved"):
@@ -135,12 +124,3 @@ print(step.record.step, *(name for name in optional if name in sys.modules), sep
         done = subprocess.run([sys.executable, "-c", program], env=outside(), capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         assert done.stdout == "1\n" or done.stdout.strip().isdigit(), done.stdout
-
-
-def test_plotting_is_imported_when_drawn():
-    """Nor does the module that draws import what it draws with."""
-    if WORLD.rank == 0:
-        modules = "sys, fx_contact.plot, fx_contact.results.output"
-        program = f"import {modules}; print({{'matplotlib', 'pyvista'}} & set(sys.modules))"
-        done = subprocess.run([sys.executable, "-c", program], env=outside(), capture_output=True, text=True)
-        assert done.stdout == "set()\n", done.stdout + done.stderr

@@ -9,7 +9,6 @@ from conftest import WORLD, everywhere
 
 from fx_contact import adapt
 from fx_contact.parallel import timing
-from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.timing import STAGES, Stages
 from fx_contact.scenes import hertz
 
@@ -73,8 +72,6 @@ def test_progress_of_a_run():
     everywhere(numbers == sorted(numbers) and set(numbers) == {0, 1}, f"told of steps {numbers}")
     everywhere(heard[0] == (0, "partition") and heard[-1][1] == "estimate", heard)
     everywhere({name for _, name in heard} <= set(STAGES) and len(steps) == 2, heard)
-    with pytest.raises(SceneError, match="progress must be True, or a function"):
-        adapt(steps[0].scene, 0.1, WORLD, progress=3)
 
 
 def test_memory_by_stage():

@@ -1,11 +1,11 @@
 """Load paths of increments: each from the state before, with its fields."""
 
-from contextlib import contextmanager
 from functools import cache, partial
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere
+from conftest import WORLD
+from model_problems import some
 from mpi4py import MPI
 
 from fx_contact import Beginning, CheckpointError, SceneError, increments, sweep
@@ -58,14 +58,6 @@ def check_fields(comm, step, degree, before):
     size = max(np.abs(row).max() for row in before.values())
     assert len(both) > len(before) / 2 and size > 0 and len(found) > len(both)
     assert max(np.abs(found[name] - before[name]).max() for name in both) <= 1e-15 * size
-
-
-@contextmanager
-def some(count):
-    """A communicator of the first ranks, None on the others, which wait."""
-    comm = WORLD.Split(0 if WORLD.rank < count else MPI.UNDEFINED)
-    yield None if comm == MPI.COMM_NULL else comm
-    WORLD.Barrier()
 
 
 @cache
@@ -143,4 +135,3 @@ def test_what_cannot_go_on(folder):
     next(sweep(pressed, VALUES, 0.6, degree=1, folder=folder))
     with pytest.raises(CheckpointError, match="is of sweep, not of increments"):
         increments(pressed, VALUES, 0.6, degree=1, folder=folder, restart=True)
-    everywhere(True, "")

@@ -10,19 +10,7 @@ from conftest import WORLD, everywhere
 from dolfinx import fem
 from model_problems import DISTRIBUTIONS, discrete, grown, roots
 
-from fx_contact import (
-    BodyForce,
-    CheckpointError,
-    Dirichlet,
-    Material,
-    Pressure,
-    Scene,
-    SymmetryPlane,
-    adapt,
-    results,
-    solve,
-)
-from fx_contact.adaptive.beginning import Beginning
+from fx_contact import BodyForce, Dirichlet, Material, Pressure, Scene, SymmetryPlane, adapt, results, solve
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.shear_free import ShearFree
 from fx_contact.estimate.stress_projection import projected_stress
@@ -122,19 +110,6 @@ def test_files_and_grids(degree, folder):
 
 
 @pytest.mark.ranks(1, 2)
-def test_restart(folder):
-    """A run goes on from a checkpoint with its parts; another material of one of them is refused."""
-    scene = tube((SOFT, HARD))[0]
-    through = list(adapt(scene, 0.02, degree=1, max_steps=3, checkpoint=folder / "run"))
-    *_, last = adapt(scene, 0.02, degree=1, max_steps=4, restart=folder / "run")
-    *_, whole = adapt(scene, 0.02, degree=1, max_steps=4)
-    assert last.record.cells == whole.record.cells > through[-1].record.cells
-    assert last.record.estimate == pytest.approx(whole.record.estimate, rel=1e-6)
-    with pytest.raises(CheckpointError, match="materials"):
-        list(adapt(tube((SOFT, Material(11.0, 0.2)))[0], 0.02, degree=1, restart=folder / "run"))
-
-
-@pytest.mark.ranks(1, 2)
 def test_cut(folder):
     """The section of a picture shows the stress of each layer, both at an interface."""
     step = solve(layers((SOFT, HARD), 1e-3)[0], 0.1)
@@ -201,7 +176,7 @@ def of_parts(step, values):
 
 @pytest.mark.ranks(1, 2, 3)
 @DEGREES
-@pytest.mark.parametrize("materials", [(SOFT, HARD), (SOFT, Material(1e3, 0.3)), (Material(1.0, 0.0), SOFT)])
+@pytest.mark.parametrize("materials", [(SOFT, Material(1e3, 0.3)), (Material(1.0, 0.0), SOFT)])
 def test_effectivity(materials, degree):
     """0.8 to 1.25 on all meshes, in a solution with jumps of stress."""
     scene, ratios = manufactured(materials)
@@ -213,24 +188,6 @@ def test_effectivity(materials, degree):
         found.append(step.record.estimate / off.energy)
     assert step.record.reached and step.record.hanging_nodes > 20
     assert 0.8 < min(found) and max(found) < 1.25
-
-
-def energy_error(materials, level, degree):
-    """True error in the energy norm, relative, on a uniform mesh."""
-    scene, ratios = manufactured(materials)
-    begin = Beginning.uniform(scene, level)
-    step = next(adapt(scene, 0.9, degree=degree, beginning=begin, max_steps=1))
-    exact = LOAD * ufl.as_vector(solution(ufl, ufl.SpatialCoordinate(step.mesh), of_parts(step, ratios)[0]))
-    return results.field_error(step.elasticity, step.displacement, exact).energy
-
-
-@DEGREES
-@pytest.mark.parametrize("ratio", [1.0, 1e3])
-def test_rates(ratio, degree):
-    """Errors fall like h^degree with jumps of stress, as with one material (a ratio of 1)."""
-    materials = SOFT, Material(ratio * SOFT.young, 0.2 if ratio > 1 else SOFT.poisson)
-    coarse, fine = (energy_error(materials, level, degree) for level in (1, 2))
-    assert np.log2(coarse / fine) == pytest.approx(degree, abs=0.05)
 
 
 def tube(materials, order=4):
@@ -276,7 +233,7 @@ def spheres(materials, order=4):
 @pytest.mark.ranks(1, 2, 3)
 @DEGREES
 @pytest.mark.parametrize("make", [tube, spheres])
-@pytest.mark.parametrize("materials", [(SOFT, HARD), (HARD, SOFT), (RUBBER, SOFT)])
+@pytest.mark.parametrize("materials", [(SOFT, HARD), (RUBBER, SOFT)])
 def test_composite_tube_and_sphere(make, materials, degree):
     """Displacements within 0.1 %, and the estimated error is not below 0.8 of the true one."""
     scene, coefficients = make(materials)

@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import ALONG, EXACT, PLANES, STEEL, wedge
+from model_problems import ALONG, EXACT, PLANES, STEEL, of_kind, wedge
 from mpi4py import MPI
 
 from fx_contact import (
-    Checkpoint,
-    CheckpointError,
     ContactPair,
     Dirichlet,
     Displacement,
@@ -24,7 +22,6 @@ from fx_contact import (
     Solver,
     SymmetryPlane,
     Traction,
-    adapt,
     block,
     cylinder,
     root_mesh_from_shapes,
@@ -52,11 +49,6 @@ def blocks(stiffness, down=0.01, gap=0.0):
         springs=Elastic("lower bottom", stiffness),
         symmetry=4,
     )
-
-
-def of_kind(record, kind):
-    """Name -> Resultant of one kind."""
-    return {one.name: one for one in record.resultants if one.kind == kind}
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -185,20 +177,6 @@ def test_goals_on_springs():
     )
     ratios = [one.error / abs(one.value - other.value) for one, other in zip(coarse.goals, fine.goals)]
     assert min(ratios) > 0.5 and ratios[1] < 2, ratios  # errors of the displacement cancel between cells
-
-
-def test_restart_on_springs(folder):
-    """It goes on as if nothing had stopped it, and not with other springs."""
-    scene = held_aside()
-    steps = [step.record for step in adapt(scene, 0.05, degree=1, checkpoint=folder, max_steps=2)]
-    assert len(steps) == 2
-    with pytest.raises(CheckpointError, match="elastic supports"):
-        Checkpoint(folder, replace(scene, springs=Elastic("cube bottom", 5.0)), WORLD)
-    again = solve(scene, 0.05, degree=1, restart=folder, max_steps=3).record
-    alone = solve(scene, 0.05, degree=1, max_steps=3).record
-    assert again.cells == alone.cells
-    for one, other in zip(again.resultants, alone.resultants):
-        assert np.allclose(one.force, other.force, rtol=0, atol=1e-9)
 
 
 def test_what_springs_hold():

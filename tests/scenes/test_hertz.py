@@ -9,7 +9,7 @@ from model_problems import leaves
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from fx_contact import Material, Solver, adapt
+from fx_contact import Solver, adapt
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.shear_free import find_shear_free
@@ -141,25 +141,6 @@ def test_bodies_that_do_not_touch(displacement):
     assert step.record.force == 0 and step.record.estimate == 0 and step.record.ratio == 0
 
 
-def test_failure_while_steps_are_collected(monkeypatch):
-    """A list of steps ends with the error of the step that fails, on all ranks; it holds the last displacement."""
-    monkeypatch.setattr(ladder, "fallback", lambda comm, unknowns, present: None)
-    done = []
-
-    def counted():
-        solver = Solver(max_krylov=45, options={"pc_type": "jacobi"})
-        for step in adapt(hertz(order=2, coarse=2), 0.16, degree=1, solver=solver):
-            done.append((step.record, WORLD.allreduce(np.abs(step.solution.displacement).max(initial=0.0), MPI.MAX)))
-            yield step
-
-    with pytest.raises(SolveError, match="PCG") as failure:
-        list(counted())
-    assert done, "the first step failed"
-    error, (record, largest) = failure.value, done[-1]
-    assert error.record is record and error.forest.size_global > record.cells
-    assert WORLD.allreduce(np.abs(error.displacement).max(initial=0.0), MPI.MAX) == largest
-
-
 @pytest.mark.parametrize(
     "name, most, solver",
     [
@@ -242,16 +223,6 @@ def test_preconditioner_does_not_matter(small, solver):
     assert abs(other.record.force / small.force - 1) < 1e-7
 
 
-@pytest.mark.parametrize("radius, young", [(1e-6, 1e11), (1e3, 1e-6)])
-def test_units_do_not_matter(small, radius, young):
-    """Scaled lengths and moduli give the same cells and scaled forces."""
-    scaled = hertz(radius, 0.01 * radius, Material(young, 0.3), order=2, coarse=2)
-    *_, other = adapt(scaled, 0.25)
-    assert small.cells == other.record.cells
-    assert abs(other.record.force / (small.force * young * radius**2) - 1) < 1e-7
-    assert abs(other.record.estimate / small.estimate - 1) < 1e-6
-
-
 def test_root_mesh_is_a_ball():
     """The half-balls' polar surface leaves the sphere by an error of the order of the mesh, and is symmetric."""
     off = []
@@ -263,15 +234,3 @@ def test_root_mesh_is_a_ball():
         mirrored = nodes[:, [1, 0, 2]]
         assert cKDTree(nodes).query(mirrored)[0].max() < 1e-9
     assert off[0] < 5e-5 and off[1] < 5e-6 and off[2] < 1e-9
-
-
-def test_full_and_quarter_model():
-    """The whole half-spheres and a quarter of them have the same results and error estimate on the same mesh."""
-    records = []
-    for kind in ("quarter", "full"):
-        scene = hertz(displacement=0.2, order=2, coarse=3, symmetry=kind)
-        records.append(next(iter(adapt(scene, 0.1, max_steps=1))).record)
-    quarter, full = records
-    assert full.cells == 4 * quarter.cells and full.active_pairs > quarter.active_pairs > 3
-    for name in ("force", "max_pressure", "contact_radius", "estimate"):
-        assert abs(getattr(full, name) / getattr(quarter, name) - 1) < 1e-6, name

@@ -1,7 +1,5 @@
 """Whole runs with planes of symmetry oblique to the axes: a wedge, scenes that are turned, sectors of round bodies."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from conftest import everywhere
@@ -139,17 +137,3 @@ def test_sector_of_two_spheres():
     assert np.allclose(record.resultants[0].force, [0.0, 0.0, record.force], atol=1e-9 * record.force)
     assert abs(record.max_pressure / known.max_pressure - 1) < 0.02
     assert abs(record.contact_radius / known.contact_radius - 1) < 0.01
-
-
-@pytest.mark.ranks(2)
-def test_sector_of_rings():
-    """A sector of 30 degrees of a shrink fit has the forces of the whole, as its quarter."""
-    scene = shrink_fit(coarse=1)
-    x, y, z = scene.mesh.points.T
-    radius, angle = np.hypot(x, y), np.arctan2(y, x) / 3 + 1.0
-    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
-    sector = replace(scene, mesh=replace(scene.mesh, points=points), symmetry=24)
-    quarter, twelfth = (last(one, 0.03).record for one in (scene, sector))
-    assert sector.mirrors.parts == 24
-    assert abs(twelfth.force / quarter.force - 1) < 1e-3
-    assert twelfth.pair_alignments[0] < 1e-7

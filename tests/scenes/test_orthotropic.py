@@ -10,11 +10,9 @@ from model_problems import DISTRIBUTIONS, EXACT, discrete, grown, roots
 from fx_contact import (
     ContactPair,
     Dirichlet,
-    Elastic,
     InitialStrain,
     Material,
     Orthotropic,
-    Pressure,
     RigidSphere,
     Scene,
     SceneError,
@@ -130,23 +128,6 @@ def test_bad_constants():
     ):
         with pytest.raises(SceneError, match=message):
             replace(CARBON, **changes)
-
-
-def test_springs_on_fibres():
-    """A fibre-reinforced block on springs across the fibres: both in series, by Young's modulus E_2."""
-    pressure, stiffness = 0.01, 50.0
-    scene = slab(turned(np.pi / 2))
-    scene = replace(
-        scene,
-        dirichlet=scene.dirichlet[1:],
-        springs=Elastic("slab left", normal=stiffness),
-        tractions=Pressure("slab right", pressure),
-    )
-    step = solve(scene, 0.1, solver=EXACT)
-    prolongation = step.elasticity.prolongation
-    end = np.abs(prolongation.space.positions()[:, 0] - 2) < 1e-9
-    moved = prolongation.prolong(step.solution.displacement)[end, 0]
-    assert moved == pytest.approx(-pressure * (1 / stiffness + 2 / CARBON.young[1]), rel=1e-7)
 
 
 def test_mirrors_need_symmetric_materials():

@@ -12,9 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import ufl
 from conftest import WORLD, everywhere
-from dolfinx.fem import Function, assemble_scalar, form
 from model_problems import (
     DISTRIBUTIONS,
     RUBBER,
@@ -38,8 +36,6 @@ from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.fem import elasticity as elasticity_module
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
-from fx_contact.fem.supports import Supports
-from fx_contact.geometry import hexahedron
 from fx_contact.items.boundary_conditions import Dirichlet, Traction
 from fx_contact.items.contact import ContactPair
 from fx_contact.parallel.timing import Stages
@@ -99,23 +95,6 @@ def test_uniform_compression(degree, method, distribution, materials):
     assert abs(error.energy_norm**2 - energy) < 1e-9 * energy
 
 
-def test_penalty_gap():
-    """Without the initial overlap the force falls short by what the penalty gives way, inversely to its factor."""
-    scene, strain = compressed((STEEL, RUBBER))
-    forest = grown(roots(scene), 2, share=0.1)
-    elasticity = discrete(scene, forest)
-    short = []
-    for factor in (100.0, 1000.0):
-        enforcement = Enforcement("penalty", factor)
-        pairs = create_rows(scene, elasticity.prolongation, enforcement)
-        supports = find_supports(scene, forest, elasticity.prolongation)
-        contact = solved(elasticity, pairs, supports, enforcement)
-        short.append(1 - WORLD.allreduce(contact.force.sum()) / (4 * PRESSURE))
-        everywhere((contact.penetration[contact.active] > 0).all(), "an active pair that does not overlap")
-    assert 0 < short[1] < short[0] < 0.01
-    assert abs(short[0] / short[1] - 10) < 0.1
-
-
 @pytest.mark.parametrize("order", [1, 2, 3, 6])
 def test_translation(order):
     """A translation of the held faces moves everything alike, on curved cells and through hanging nodes, to 1e-10."""
@@ -130,63 +109,6 @@ def test_translation(order):
     contact = solved(elasticity, None, supports)
     everywhere(np.abs(contact.displacement - list(shift.values())).max() < 1e-10, "not a translation")
     assert contact.contact_iterations == 1 and len(contact.active) == 0
-
-
-GRADIENT = np.array([[0.01, 0.02, 0.0], [-0.01, 0.03, 0.01], [0.0, -0.02, -0.02]])
-
-
-def linear_boundary_error(mesh, rounds):
-    """Energy error, relative, of the solution with a linear field prescribed at all boundary vertices."""
-    scene = pressed(mesh, contact=False)
-    forest = roots(scene)
-    for _ in range(rounds):
-        forest, _ = forest.refined(np.ones(len(forest), dtype=bool))
-    forest = DISTRIBUTIONS["contact-sfc"](forest)
-    elasticity = discrete(scene, forest, mesh.order)
-    prolongation = elasticity.prolongation
-    outside = np.zeros((len(forest.vertices), 1))
-    leaf, face = forest.boundary_faces(np.argwhere(mesh.face_neighbours == 1))
-    outside[forest.vertices.cells[leaf[:, None], hexahedron.FACE_CORNERS[face]]] = 1
-    outside = prolongation.restrict(outside)[:, 0] > 0
-    position, _ = conforming_positions(forest, prolongation)
-    supports = Supports(np.where(outside[:, None], position @ GRADIENT.T, np.nan))
-    assert WORLD.allreduce(int((~outside).sum())) > 0
-    contact = solved(elasticity, None, supports)
-    u = elasticity.field(contact.displacement).function
-    strain = ufl.as_matrix(((GRADIENT + GRADIENT.T) / 2).tolist())
-    energies = []
-    for gradient in (ufl.sym(ufl.grad(u)) - strain, strain):
-        stress = elasticity.lame[0] * ufl.tr(gradient) * ufl.Identity(3) + 2 * elasticity.lame[1] * gradient
-        dx = ufl.Measure("dx", elasticity.mesh, metadata={"quadrature_degree": 6})
-        energies.append(WORLD.allreduce(assemble_scalar(form(ufl.inner(stress, gradient) * dx))))
-    return np.sqrt(max(energies[0], 0) / energies[1])
-
-
-def test_linear_field_on_straight_cells():
-    """On distorted straight-sided cells a linear field prescribed on the boundary is reproduced."""
-    assert linear_boundary_error(two_boxes(distortion=0.2), 1) < 1e-10
-
-
-@pytest.mark.parametrize("order", [2, 3])
-def test_linear_field_on_curved_cells(order):
-    """On curved cells the energy error of a linear field falls at first order under uniform refinement."""
-    mesh = two_boxes(upper=(1, 1, 1), order=order, bend=0.3)
-    errors = [linear_boundary_error(mesh, rounds) for rounds in (1, 2, 3)]
-    assert errors[0] > 1e-4, "the cells are not curved"
-    rates = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert (rates > 0.9).all(), f"rates {rates}"
-
-
-def test_displacement_is_a_function_on_the_leaf_mesh():
-    """A field has the values of the conforming displacement at the vertices of dolfinx's own coordinates."""
-    scene = pressed(two_boxes())
-    forest = DISTRIBUTIONS["strewn"](grown(roots(scene), 2))
-    elasticity = discrete(scene, forest)
-    position, _ = conforming_positions(forest, elasticity.prolongation)
-    u = elasticity.field(position @ GRADIENT.T).function
-    other = Function(elasticity.function_space)
-    other.interpolate(lambda x: GRADIENT @ x)
-    everywhere(np.abs(other.x.array - u.x.array).max() < 1e-14, "displacements sit at other vertices")
 
 
 def indented(rounds, poisson, degree=1):
@@ -213,14 +135,6 @@ def test_nearly_incompressible_cells_do_not_lock(degree, off, locked, monkeypatc
     assert abs(coarse / fine - 1) < off
     monkeypatch.setattr(elasticity_module, "LOCKING_POISSON", 1.0)
     assert indented(0, SOFT.poisson, degree) < locked * fine
-
-
-def test_cells_of_rubber_do_not_lock(monkeypatch):
-    """At nu = 0.49 fully integrated cells converge, slowly: two cells across come close to eight of those."""
-    coarse = indented(0, 0.49)
-    monkeypatch.setattr(elasticity_module, "LOCKING_POISSON", 1.0)
-    locked, fine = indented(0, 0.49), indented(2, 0.49)
-    assert abs(coarse / fine - 1) < 0.1 and locked < 0.6 * fine
 
 
 @pytest.mark.parametrize("poisson, projects", [(0.3, False), (0.39, False), (0.4, True), (0.49, True)])

@@ -177,13 +177,6 @@ def test_twins(scene, twin, factor):
     assert abs(other.estimate - one.estimate) < close
 
 
-def test_turned_out_of_the_axes():
-    """Fully prescribed displacements turn with the scene; those of single components cannot."""
-    tilt = np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
-    with pytest.raises(SceneError, match="out of the axes"):
-        turned(stack(), tilt)
-
-
 @pytest.mark.parametrize(
     "make, message",
     [

@@ -75,20 +75,6 @@ def test_moments_of_bending(middle):
         assert np.abs(found["bar", "balance"].moment).max() < 1e-9 * moment
 
 
-def test_torsion_of_a_square_bar():
-    """Ends that cannot warp stiffen the bar as if it were shorter; by the difference of two lengths GJ is known."""
-    steel, angles = Material(2.0, 0.3), {}
-    for length in (3.0, 4.0):
-        end = RigidMotion("top", rotation=(0, 0, ANGLE))
-        found = once(bar(RigidMotion("bottom"), end, material=steel, length=length, cells=(4, 4, int(4 * length))))
-        top, bottom = found["top", "reaction"], found["bottom", "reaction"]
-        assert np.allclose(top.moment, -np.array(bottom.moment), atol=1e-12) and np.abs(top.force).max() < 1e-12
-        assert np.abs(top.moment[:2]).max() < 1e-12
-        angles[length] = ANGLE / top.moment[2]
-    constant = 1.0 / (angles[4.0] - angles[3.0]) / (2.0 / 2.6)
-    assert abs(constant / SQUARE - 1) < 0.005
-
-
 def test_ends_that_warp():
     """With the components of a rotation across the axis alone torsion is that of Saint-Venant: the exact moment."""
     turned, steel = RigidMotion("top", rotation=(0, 0, ANGLE)), Material(2.0, 0.3)

@@ -8,7 +8,6 @@ from conftest import everywhere
 from model_problems import DISTRIBUTIONS, EXACT, discrete, grown, roots
 
 from fx_contact import (
-    CheckpointError,
     ContactPair,
     Dirichlet,
     Displacement,
@@ -17,7 +16,6 @@ from fx_contact import (
     Reaction,
     Scene,
     SceneError,
-    Solver,
     SymmetryPlane,
     ThermalStrain,
     adapt,
@@ -27,7 +25,6 @@ from fx_contact import (
     ring,
     root_mesh_from_shapes,
     solve,
-    sweep,
 )
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.shear_free import ShearFree
@@ -244,25 +241,6 @@ def test_press_fit_by_cooling():
     assert steps[1].record.force == pytest.approx(lame * np.pi / 2 * radii[1] * 0.5, rel=0.01)
 
 
-@PARALLEL
-def test_temperature_path(folder):
-    """A path over temperatures of a bar: reactions in proportion; a restart at another temperature is refused."""
-    scene = slab()
-    scene = replace(scene, dirichlet=(*scene.dirichlet, Dirichlet("slab right", x=0.0)))
-
-    def heated(change):
-        """The bar at a temperature."""
-        return replace(scene, strains=ThermalStrain("slab", ALPHA, change))
-
-    points = list(sweep(heated, (50.0, 100.0, -20.0), 0.1))
-    walls = [next(r for r in p.step.record.resultants if r.name == "slab right") for p in points]
-    forces = [wall.force[0] for wall in walls]
-    assert forces == pytest.approx([-STEEL.young * ALPHA * change for change in (50, 100, -20)], rel=1e-6)
-    list(adapt(heated(50.0), 0.1, checkpoint=folder / "run"))
-    with pytest.raises(CheckpointError, match="stress-free strains"):
-        list(adapt(heated(60.0), 0.1, restart=folder / "run"))
-
-
 def test_bad_strains():
     """Strains that cannot be meant are refused when they or their scene are made."""
     for make, message in (
@@ -273,9 +251,3 @@ def test_bad_strains():
     ):
         with pytest.raises(SceneError, match=message), np.errstate(divide="ignore"):
             make()
-
-
-def test_scene_without_strain_is_not_loaded():
-    """A change of temperature of 0 loads nothing, which is said."""
-    with pytest.raises(Exception, match="nothing loads"):
-        solve(replace(slab(), strains=ThermalStrain("slab", ALPHA, 0.0)), 0.1, solver=Solver())

@@ -99,45 +99,6 @@ def test_border_and_edges_are_met():
     assert projected.found.all() and np.abs(projected.distance - 0.7).max() < 1e-14
 
 
-def test_pole_over_a_plane_far_below():
-    """Gaps much larger than the facets, along the normals of a ball: those that look down meet the plane."""
-    mesh, facets = surface("floor top", floor=block((-4, -4, -1), (4, 4, 0), (40, 40, 1), 1))
-    projection = SurfaceProjection(mesh, facets)
-    normal = directions(3000)
-    normal[:, 2] = -np.abs(normal[:, 2])
-    points = normal + [0, 0, 6.0]
-    projected = projection(points, normal)
-    target = points - points[:, 2:] / normal[:, 2:] * normal
-    inside = (np.abs(target[:, :2]) <= 4).all(axis=1) & (-normal[:, 2] > LEAST_COSINE)
-    assert 0.1 < inside.mean() < 0.7 and np.array_equal(projected.found, inside)
-    assert np.abs(projected.distance + points[:, 2] / normal[:, 2])[inside].max() < 1e-12
-    assert np.array_equal(projection(points, normal, depth=0.5).facet, projected.facet)
-
-
-def test_step():
-    """Of two levels the line's own is met, though the other's edge is nearer."""
-    shapes = {"low": block((0, 0, -2), (1, 1, -1), (2, 2, 1), 1), "high": block((-1, 0, -1), (0, 1, 0), (2, 2, 1), 1)}
-    mesh = root_mesh_from_shapes(shapes, {"steps": ["low top", "high top"]})
-    x = np.column_stack([2 * draw(500, 1) - 1, draw(500, 1, 3), np.full(500, 5.0)])
-    projected = SurfaceProjection(mesh, mesh.surfaces["steps"])(x, np.array([0.0, 0.0, -1.0]))
-    assert projected.found.all() and (np.abs(x[:, 0]) < 0.2).any()
-    assert np.abs(projected.distance - np.where(x[:, 0] > 0, 6, 5)).max() < 1e-13
-
-
-def test_nearest_that_looks_back():
-    """Of the whole boundary of a block only the side that looks towards the point counts, and the nearer one."""
-    shapes = {"a": block((0, 0, 0), (1, 1, 1), (2, 2, 2), 1), "b": block((0, 0, -3), (1, 1, -2), (1, 1, 1), 1)}
-    sides = "left right front back bottom top".split()
-    mesh = root_mesh_from_shapes(shapes, {"all": [f"{name} {side}" for name in shapes for side in sides]})
-    projection = SurfaceProjection(mesh, mesh.surfaces["all"])
-    x = np.column_stack([draw(300, 2), np.full(300, 1.5)])
-    down = np.array([0.0, 0.0, -1.0])
-    assert np.allclose(projection(x, down).distance, 0.5, rtol=0, atol=1e-14)
-    assert np.allclose(projection(x - [0, 0, 0.6], down).distance, -0.1, rtol=0, atol=1e-14)  # inside: behind
-    assert np.allclose(projection(x - [0, 0, 2.5], down).distance, 1.0, rtol=0, atol=1e-14)  # between both
-    assert np.allclose(projection(x - [0, 0, 2.5], -down).distance, 1.0, rtol=0, atol=1e-14)  # the bottom of a
-
-
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_all_facets_one_by_one(order):
     """Random lines through a graded surface of blocks, a cylinder and a ball: as if every facet were tried."""

@@ -18,7 +18,6 @@ from fx_contact import (
     MaxPressure,
     Pressure,
     Scene,
-    SceneError,
     StepRecord,
     Tie,
     Traction,
@@ -280,15 +279,6 @@ def test_place_of_the_largest_value():
         rows = np.roll(order, WORLD.rank)[: 4 if WORLD.rank == WORLD.size - 1 else 0]
         place, value, (which,) = _place_of_largest(WORLD, values[rows], points[rows], more[rows])
         assert (place, value, which) == ((0.0, 0.0, 1.0), 2.0, 2.0)
-
-
-@pytest.mark.parametrize(
-    "allow, sentence", [(3, "allow, the kinds of warnings, must be a tuple of str, got 3"), (("sliding",), "unk")]
-)
-def test_wrong_names(allow, sentence):
-    """An unknown kind of warning, or one that is never an error, is refused."""
-    with pytest.raises(SceneError, match=sentence):
-        solve(block(Pressure("top", 0.01)), 0.5, allow=allow)
 
 
 def test_record():

@@ -38,7 +38,7 @@ class Projection:
     """
 
     #: Most iterations and relative residual of the Gram system.  Node pairs take as many iterations as a node has
-    #: pairs, rows over all nodes of the facets around one 6 to 26 (`test_row_kinds`).
+    #: pairs, rows of surfaces meshed apart 2 to 30 (`test_mortar_rows`, `test_crosspoints`).
     _ITERATIONS, _RESIDUAL = 200, 1e-15
     #: Rayleigh quotients of that system, relative to its diagonal, up to which they are the rounding of 0.
     _SINGULAR = 1e-14
