@@ -236,7 +236,8 @@ class Report:
         """
         record, files = step.record, "steps.jsonl"
         if not self._given.records_only:
-            files += f", bodies.{'vtu' if COMM.size == 1 else 'pvtu'}, fields.bp, cells.bp, contact.pvtu, {pictures}"
+            ending = "vtu" if COMM.size == 1 else "pvtu"
+            files += f", bodies.{ending}, contact.{ending}, {pictures}"
             record = replace(record, **step.stages.costs(COMM))
         if true:
             record = replace(record, true_error=true, effectivity=record.estimate / true.relative)

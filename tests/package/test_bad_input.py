@@ -52,7 +52,7 @@ from fx_contact.parallel.errors import (
 from fx_contact.parallel.mpi import together
 from fx_contact.plot import draw_bodies, draw_convergence, draw_mesh, draw_pressure, draw_stress, draw_sweep
 from fx_contact.results.accuracy import contact_errors, true_error
-from fx_contact.results.contact_surface import contact_functions
+from fx_contact.results.contact_surface import contact_grid
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.reference_values import hertz_a
 
@@ -428,7 +428,7 @@ CASES[SceneError] += [
         (partial(action, "step", 0.1), "a Step is needed")
         for action in (true_error, draw_pressure, draw_mesh, draw_stress, write_fields)
     ),
-    (lambda: contact_functions("step"), "a Step is needed"),
+    (lambda: contact_grid("step"), "a Step is needed"),
     *(
         (
             lambda value=value: first(beginning=replace(Beginning.uniform(small_hertz(), 0, COMM), adapted=value)),

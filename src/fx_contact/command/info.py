@@ -15,7 +15,7 @@ from fx_contact.parallel.versions import library_versions, project_version
 _OPTIONAL = {
     "gmsh": "meshes of Gmsh and CAD files",
     "matplotlib": "curves and maps",
-    "pyvista": "pictures of bodies, bodies.vtu",
+    "pyvista": "pictures of bodies, files of fields",
     "tqdm": "the live line of progress=True",
 }
 

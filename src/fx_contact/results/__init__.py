@@ -27,7 +27,7 @@ __getattr__ = former_names(
     | {name: f"fx_contact.results.report.{name}" for name in ("force_warnings", "model_warnings", "total_seconds")}
     | {
         "undirected": "fx_contact.adaptive.step_record.undirected",
-        "contact_functions": "fx_contact.results.contact_surface.contact_functions",
+        "contact_functions": "fx_contact.results.contact_surface.contact_grid",
         "doubt_lines": "fx_contact.results.report.model_warnings",
     },
 )
