@@ -16,7 +16,6 @@ _OPTIONAL = {
     "gmsh": "meshes of Gmsh and CAD files",
     "matplotlib": "curves and maps",
     "pyvista": "pictures of bodies, files of fields",
-    "tqdm": "the live line of progress=True",
 }
 
 

@@ -19,7 +19,7 @@ from fx_contact.adaptive.checkpoint_file import CheckpointFile
 from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
-from fx_contact.adaptive.step_report import html_table, table_head, table_row
+from fx_contact.adaptive.step_report import table_head, table_row
 from fx_contact.adaptive.step_solver import HISTORY
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.arrays import FloatArray, Int8Array
@@ -189,17 +189,9 @@ class LoadPath:
     def __repr__(self) -> str:
         rows = (f"{point.value:>11.5g}  {table_row(point.record)}" for point in self.records)
         told = (f"at {p.value:g}: {one.kind}, {one.message}" for p in self.records for one in p.record.doubts)
-        return "\n".join([self._caption(), f"{'value':>11}  {table_head()}", *rows, *told])
-
-    def _repr_html_(self) -> str:
-        """Table in notebooks."""
-        records = [point.record for point in self.records]
-        return html_table(self._caption(), records, [point.value for point in self.records])
-
-    def _caption(self) -> str:
-        """Tolerance and state of the load path."""
         done = f"{len(self.records)} of {len(self._values)} points"
-        return f"load path, tolerance {percent(self._tolerance)}: {done}, the last step of each"
+        caption = f"load path, tolerance {percent(self._tolerance)}: {done}, the last step of each"
+        return "\n".join([caption, f"{'value':>11}  {table_head()}", *rows, *told])
 
     def __getitem__(self, index: object) -> SweepPoint:
         raise SceneError(
