@@ -50,12 +50,13 @@ from fx_contact import (  # noqa: E402
     Solver,
     Step,
     StepRecord,
-    TrueError,
 )
 from fx_contact.adaptive.settings import DEGREE, check_tolerance  # noqa: E402
+from fx_contact.adaptive.step_record import TrueError  # noqa: E402
 from fx_contact.adaptive.step_record import undirected  # noqa: E402
 from fx_contact.adaptive.step_report import table_head, table_row  # noqa: E402
-from fx_contact.results import Hertz, RecordWriter  # noqa: E402
+from fx_contact.results import RecordWriter  # noqa: E402
+from fx_contact.results.analytic import Hertz  # noqa: E402
 from fx_contact.results.report import force_warnings, model_warnings, total_seconds  # noqa: E402
 
 #: A default of an option, {degree: value} where it depends on the degree.

@@ -11,7 +11,8 @@ from common import COMM, Report, parse, parser, plain_errors, settings
 
 from fx_contact import ContactPair, Dirichlet, Material, Scene, SymmetryPlane, adapt, cylinder, root_mesh_from_shapes
 from fx_contact.plot import draw_mesh, draw_pressure_map
-from fx_contact.results import HertzEllipse, true_error, write_fields
+from fx_contact.results import true_error, write_fields
+from fx_contact.results.analytic import HertzEllipse
 
 RADII, STEEL = (10.0, 25.0), Material(young=210e3, poisson=0.3)
 

@@ -13,7 +13,6 @@ from fx_contact import (
     Dirichlet,
     Enforcement,
     Material,
-    PairingError,
     Pressure,
     Scene,
     SceneError,
@@ -28,6 +27,7 @@ from fx_contact import (
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.parallel.errors import PairingError
 from fx_contact.scenes import hertz
 
 SIDES = ("left", "front", "right", "back", "bottom", "top")

@@ -20,7 +20,6 @@ from fx_contact import (
     Gap,
     Material,
     MaxPressure,
-    PairingError,
     Pressure,
     RigidCone,
     RigidCylinder,
@@ -41,6 +40,7 @@ from fx_contact import (
     sweep,
 )
 from fx_contact.adaptive.beginning import Beginning
+from fx_contact.parallel.errors import PairingError
 from fx_contact.plot import draw_bodies, draw_mesh, plotter_for
 from fx_contact.results.contact_surface import contact_grid
 from fx_contact.results.report import model_warnings

@@ -15,7 +15,6 @@ from fx_contact import (
     Displacement,
     Enforcement,
     Material,
-    PairingError,
     Pressure,
     Reaction,
     Scene,
@@ -33,6 +32,7 @@ from fx_contact.fem.space import Space
 from fx_contact.geometry.shapes import join, root_mesh_from_shapes
 from fx_contact.geometry.solids import block
 from fx_contact.law import active_set
+from fx_contact.parallel.errors import PairingError
 from fx_contact.scene.fingerprint import scene_parts
 
 all_ranks = pytest.mark.ranks(1, 2, 3)

@@ -9,8 +9,9 @@ import pytest
 from conftest import WORLD, everywhere
 from mpi4py import MPI
 
-from fx_contact import ErrorControl, SweepRecord, adapt, solve
+from fx_contact import ErrorControl, adapt, solve
 from fx_contact.parallel.errors import OutputError, SceneError
+from fx_contact.path.sweep_record import SweepRecord
 from fx_contact.plot import (
     draw_bodies,
     draw_convergence,

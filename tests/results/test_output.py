@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 
 from fx_contact import ErrorControl, Material, adapt
 from fx_contact.parallel.errors import OutputError
-from fx_contact.results import Hertz, write_fields
+from fx_contact.results import write_fields
+from fx_contact.results.analytic import Hertz
 from fx_contact.results.contact_surface import contact_grid
 from fx_contact.scenes import hertz
 

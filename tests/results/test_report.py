@@ -11,26 +11,15 @@ import pytest
 from conftest import WORLD, everywhere
 from model_problems import step_record
 
-from fx_contact import (
-    GoalRecord,
-    Resultant,
-    Step,
-    StepRecord,
-    adapt,
-    adaptive,
-    contact,
-    plot,
-    problem,
-    results,
-    solve,
-    sweep,
-)
+from fx_contact import Step, StepRecord, adapt, adaptive, contact, plot, problem, results, solve, sweep
 from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.adaptive.step_report import table_head, table_row
+from fx_contact.estimate.goal_errors import GoalRecord
 from fx_contact.items.units import labelled, unit_of
 from fx_contact.parallel.timing import STAGES
 from fx_contact.results.report import force_warnings, total_seconds
 from fx_contact.scenes import hertz, stack
+from fx_contact.verdict.resultants import Resultant
 
 
 def columns(line):
