@@ -102,7 +102,6 @@ __all__ = [
 #: Names of results, which no program makes, and of errors that are seldom caught, by their modules.
 _ELSEWHERE = {
     "adaptive.adaptive_loop": "Run",
-    "adaptive.contact_line": "ContactLine",
     "adaptive.contact_table": "ContactTable",
     "adaptive.step_record": "TrueError",
     "estimate.goal_errors": "GoalRecord",

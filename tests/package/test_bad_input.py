@@ -321,8 +321,6 @@ CASES = {
         (lambda: RootMesh(*grid(), ("a",), [1]), "for the numbers [1]"),
         (lambda: RootMesh(*grid(order=2), ("a",), [0], {}, {"mid": [13]}), "'mid' is not a corner"),
         (lambda: RootMesh(*grid(), ("a",), [0], {"s": [[0, 1], [0, 1]]}), "local face 0..5), none twice"),
-        (lambda: first().contact.along((0, 0), (1, 0, 0)), "the start of a line must have three components"),
-        (lambda: first().contact.along((1, 0, 0), (1, 0, 0)), "a line needs two points, got (1, 0, 0) twice"),
         (lambda: gmsh_box(extra=True), "in no physical group"),
         (lambda: draw_pressure(first(unpaired()), "p.png"), "the scene 'cubes' has no contact pairs"),
         (lambda: draw_mesh(first(), "m.png", zoom="x"), "zoom of a picture must be"),

@@ -77,6 +77,23 @@ def test_nine_nodes_of_a_facet(order):
         everywhere(off < 1e-12, f"{name} is another")
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_line_through_the_contact(degree):
+    """A cut of the facets of all ranks beside the plane of symmetry has the pressures of the nodes on it."""
+    step = last_step() if degree == 1 else first_step(2, 2)  # facets with the nodes of the displacement
+    parts, table = WORLD.gather(contact_grid(step)), step.contact.gathered()
+    if WORLD.rank:
+        return
+    grid = pyvista.merge(parts, merge_points=False)
+    line = grid.extract_cells(grid["body"] == 0).slice("y", origin=(0, 1e-9, 0))
+    on = np.flatnonzero(np.abs(table.points[:, 1]) < 1e-12)
+    distance, at = cKDTree(line.points).query(table.points[on])
+    assert len(on) >= 5 and distance.max() < 1e-8
+    for name in ("pressure", "gap"):
+        known = getattr(table, name)
+        assert np.abs(line[name][at] - known[on]).max() < 1e-6 * np.abs(known).max()
+
+
 def test_both_sides_have_the_same_pressure():
     """Each side carries the whole force, and nothing is counted twice where ranks meet."""
     step = last_step()

@@ -2,9 +2,10 @@
 
 from fx_contact.parallel.former import former_names
 from fx_contact.results.accuracy import field_error, true_error
+from fx_contact.results.contact_surface import contact_grid
 from fx_contact.results.output import RecordWriter, write_fields
 
-__all__ = ["RecordWriter", "field_error", "true_error", "write_fields"]
+__all__ = ["RecordWriter", "contact_grid", "field_error", "true_error", "write_fields"]
 
 __getattr__ = former_names(
     __name__,

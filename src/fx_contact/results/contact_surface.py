@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_contact.adaptive.contact_line import nodal_means
 from fx_contact.adaptive.pyvista_grid import import_pyvista
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.fem.leaf_mesh import leaf_positions
@@ -80,7 +79,23 @@ def nodal_values(step: Step) -> FloatArray:
     """Displacement [m], and pressure [Pa], status (1 closed) and open gap [m], 0 off the contact: (m, 6).
 
     Collective on the step's communicator.  The m nodes are this rank's.  A node in several contact pairs of the scene
-    has the mean of its rows (`nodal_means`).
+    has the mean of its rows (`_nodal_means`).
     """
-    values = np.concatenate([step.solution.displacement, nodal_means(step)], axis=1)
+    values = np.concatenate([step.solution.displacement, _nodal_means(step)], axis=1)
     return step.elasticity.prolongation.prolong(values)
+
+
+def _nodal_means(step: Step) -> FloatArray:
+    """Pressure [Pa], status (1 closed) and open gap [m] at owned conforming nodes, 0 off the contact: (m, 3).
+
+    Collective.  A node with several rows has their mean, weighted by their areas.
+    """
+    rows, solution, prolongation = step.rows, step.solution, step.elasticity.prolongation
+    assert rows is not None, "of a scene with contact"
+    columns = solution.pressure, solution.active, -solution.penetration, np.ones(len(rows))
+    values = rows.area[:, None] * np.column_stack(columns)
+    sums = prolongation.zeros(4)
+    entries = rows.entries
+    np.add.at(sums, entries.node, np.abs(entries.weight)[:, None] * values[entries.row])
+    sums = prolongation.summed(sums)
+    return np.asarray(sums[:, :3] / np.where(sums[:, 3:] > 0, sums[:, 3:], 1.0))
