@@ -203,7 +203,7 @@ class Run:
         return self
 
     def __repr__(self) -> str:
-        told = (f"{one.kind}: {one.message}" for record in self.records[-1:] for one in record.doubts)
+        told = (str(warning) for record in self.records[-1:] for warning in record.doubts)
         state = "no step yet" if not self.records else "reached" if self.records[-1].reached else "not reached"
         caption = f"run of {self.settings.scene.name!r}, tolerance {percent(self.settings.tolerance)}: {state}"
         return "\n".join([caption, table_head(), *map(table_row, self.records), *told])
