@@ -11,6 +11,7 @@ import pytest
 from conftest import WORLD, everywhere
 from model_problems import step_record
 
+import fx_contact
 from fx_contact import Step, StepRecord, adapt, adaptive, contact, plot, problem, results, solve, sweep
 from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.adaptive.step_report import table_head, table_row
@@ -151,6 +152,10 @@ def test_table_of_a_load_path():
 @pytest.mark.parametrize(
     "room, name, now",
     [
+        (fx_contact, "PairingError", "fx_contact.parallel.errors.PairingError"),
+        (fx_contact, "Run", "fx_contact.adaptive.adaptive_loop.Run"),
+        (results, "Hertz", "fx_contact.results.analytic.Hertz"),
+        (results, "contact_functions", "fx_contact.results.contact_surface.contact_grid"),
         (results, "doubt_lines", "fx_contact.results.report.model_warnings"),
         (results, "table_row", "fx_contact.adaptive.step_report.table_row"),
         (contact, "create_node_pairs", "create_rows(scene, prolongation, enforcement)"),
