@@ -50,12 +50,13 @@ from fx_contact import (  # noqa: E402
     Solver,
     Step,
     StepRecord,
-    TrueError,
 )
 from fx_contact.adaptive.settings import DEGREE, check_tolerance  # noqa: E402
+from fx_contact.adaptive.step_record import TrueError  # noqa: E402
 from fx_contact.adaptive.step_record import undirected  # noqa: E402
 from fx_contact.adaptive.step_report import table_head, table_row  # noqa: E402
-from fx_contact.results import Hertz, RecordWriter  # noqa: E402
+from fx_contact.results import RecordWriter  # noqa: E402
+from fx_contact.results.analytic import Hertz  # noqa: E402
 from fx_contact.results.report import force_warnings, model_warnings, total_seconds  # noqa: E402
 
 #: A default of an option, {degree: value} where it depends on the degree.
@@ -236,7 +237,8 @@ class Report:
         """
         record, files = step.record, "steps.jsonl"
         if not self._given.records_only:
-            files += f", bodies.{'vtu' if COMM.size == 1 else 'pvtu'}, fields.bp, cells.bp, contact.pvtu, {pictures}"
+            ending = "vtu" if COMM.size == 1 else "pvtu"
+            files += f", bodies.{ending}, contact.{ending}, {pictures}"
             record = replace(record, **step.stages.costs(COMM))
         if true:
             record = replace(record, true_error=true, effectivity=record.estimate / true.relative)

@@ -10,8 +10,9 @@ import numpy as np
 from common import COMM, Report, parse, parser, plain_errors, settings
 
 from fx_contact import ContactPair, Dirichlet, Material, Scene, SymmetryPlane, adapt, cylinder, root_mesh_from_shapes
-from fx_contact.plot import draw_mesh, draw_pressure_map
-from fx_contact.results import HertzEllipse, true_error, write_fields
+from fx_contact.plot import draw_mesh, draw_stress
+from fx_contact.results import true_error, write_fields
+from fx_contact.results.analytic import HertzEllipse
 
 RADII, STEEL = (10.0, 25.0), Material(young=210e3, poisson=0.3)
 
@@ -56,14 +57,14 @@ def main(given: argparse.Namespace) -> None:
         with step.stages("output"):
             write_fields(step, given.output)
             draw_mesh(step, given.output / "mesh.png")
-            draw_pressure_map(step, given.output / "pressure.png")
+            draw_stress(step, given.output / "stress.png")
     known = HertzEllipse(tuple(given.radii), material.plane_strain_modulus / 2, step.record.force)
     moments = COMM.allreduce(step.contact.force @ np.insert(step.contact.points[:, 1:] ** 2, 0, 1.0, axis=1))
     axes = np.sqrt(5 * moments[1:] / moments[0]) / known.semi_axes - 1
     errors = dict(zip(("semi-axis_y", "semi-axis_z"), map(float, axes)))
     errors["max_pressure"] = step.record.max_pressure / known.max_pressure - 1
     true = true_error(step, given.true_error) if given.true_error else None
-    report.end(step, "mesh.png, pressure.png", errors=errors, true=true)
+    report.end(step, "mesh.png, stress.png", errors=errors, true=true)
 
 
 if __name__ == "__main__":

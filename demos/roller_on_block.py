@@ -22,7 +22,8 @@ from fx_contact import (
     root_mesh_from_shapes,
 )
 from fx_contact.plot import draw_mesh, draw_stress
-from fx_contact.results import HertzLine, true_error, write_fields
+from fx_contact.results import true_error, write_fields
+from fx_contact.results.analytic import HertzLine
 
 RADIUS, SIDE, LENGTH = 50.0, 200.0, 10.0
 STEEL, ALUMINIUM = Material(young=210e3, poisson=0.3), Material(young=70e3, poisson=0.3)

@@ -23,7 +23,8 @@ from fx_contact import (
     root_mesh_from_shapes,
 )
 from fx_contact.plot import draw_mesh, draw_stress
-from fx_contact.results import Persson, true_error, write_fields
+from fx_contact.results import true_error, write_fields
+from fx_contact.results.analytic import Persson
 
 BORE, HUB, LENGTH, MATERIAL = 1.0, 6.0, 0.25, Material(young=1.0, poisson=0.3)
 

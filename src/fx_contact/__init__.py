@@ -1,16 +1,13 @@
 """Adaptive 3D contact mechanics on FEniCSx: elastic bodies pressed together to a prescribed accuracy, in parallel."""
 
-from fx_contact.adaptive.adaptive_loop import Run, adapt
+from fx_contact.adaptive.adaptive_loop import adapt
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.checkpoint import Checkpoint
-from fx_contact.adaptive.contact_line import ContactLine
-from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.adaptive.solving import solve
 from fx_contact.adaptive.step import Step
-from fx_contact.adaptive.step_record import StepRecord, TrueError
+from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
-from fx_contact.estimate.goal_errors import GoalRecord
 from fx_contact.estimate.quantities import ContactForce, Displacement, Gap, MaxPressure, Reaction
 from fx_contact.geometry.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.geometry.root_mesh import RootMesh
@@ -27,38 +24,28 @@ from fx_contact.items.stress_free_strains import InitialStrain, ThermalStrain
 from fx_contact.items.ties import Preload, Tie
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import (
-    CallError,
     CheckpointError,
-    CompilationError,
     FxContactError,
     GeometryError,
     OutputError,
-    PairingError,
-    PartitionError,
     SceneError,
     SolveError,
     ValidityError,
 )
 from fx_contact.parallel.former import former_names
 from fx_contact.parallel.meeting import expect_end
-from fx_contact.path.load_path import LoadPath, SweepPoint, increments, sweep
-from fx_contact.path.sweep_record import SweepRecord
+from fx_contact.path.load_path import increments, sweep
 from fx_contact.scene.scene import Scene
-from fx_contact.verdict.resultants import Resultant
 
 __version__ = "0.2.0"
 
 __all__ = [
     "Beginning",
     "BodyForce",
-    "CallError",
     "Checkpoint",
     "CheckpointError",
-    "CompilationError",
     "ContactForce",
-    "ContactLine",
     "ContactPair",
-    "ContactTable",
     "Dirichlet",
     "Displacement",
     "Elastic",
@@ -67,19 +54,14 @@ __all__ = [
     "FxContactError",
     "Gap",
     "GeometryError",
-    "GoalRecord",
     "InitialStrain",
-    "LoadPath",
     "Material",
     "MaxPressure",
     "Orthotropic",
     "OutputError",
-    "PairingError",
-    "PartitionError",
     "Preload",
     "Pressure",
     "Reaction",
-    "Resultant",
     "RigidCone",
     "RigidCylinder",
     "RigidMotion",
@@ -88,7 +70,6 @@ __all__ = [
     "RigidSphere",
     "RigidSurface",
     "RootMesh",
-    "Run",
     "Scene",
     "SceneError",
     "Shape",
@@ -96,13 +77,10 @@ __all__ = [
     "Solver",
     "Step",
     "StepRecord",
-    "SweepPoint",
-    "SweepRecord",
     "SymmetryPlane",
     "ThermalStrain",
     "Tie",
     "Traction",
-    "TrueError",
     "ValidityError",
     "adapt",
     "ball",
@@ -121,8 +99,23 @@ __all__ = [
     "sweep_side",
 ]
 
+#: Names of results, which no program makes, and of errors that are seldom caught, by their modules.
+_ELSEWHERE = {
+    "adaptive.adaptive_loop": "Run",
+    "adaptive.contact_table": "ContactTable",
+    "adaptive.step_record": "TrueError",
+    "estimate.goal_errors": "GoalRecord",
+    "parallel.errors": "CallError CompilationError PairingError PartitionError",
+    "path.load_path": "LoadPath SweepPoint",
+    "path.sweep_record": "SweepRecord",
+    "verdict.resultants": "Resultant",
+}
 __getattr__ = former_names(
     __name__,
-    {"ContactState": "fx_contact.adaptive.contact_table.ContactTable", "Sweep": "fx_contact.path.load_path.LoadPath"},
+    {name: f"fx_contact.{place}.{name}" for place, names in _ELSEWHERE.items() for name in names.split()}
+    | {
+        "ContactState": "fx_contact.adaptive.contact_table.ContactTable",
+        "Sweep": "fx_contact.path.load_path.LoadPath",
+    },
 )
 expect_end()

@@ -72,9 +72,9 @@ def test_version_and_libraries(say, monkeypatch):
     code, out, _ = say("info")
     known = dict(line.split(maxsplit=1) for line in out.replace("C compiler", "compiler").splitlines())
     assert code == 0 and known["fx_contact"] == fx_contact.__version__ and known["MPI"]
-    assert {"Python", "dolfinx", "petsc", "hypre", "numpy", "gmsh", "matplotlib", "pyvista", "tqdm"} <= set(known)
+    assert {"Python", "dolfinx", "petsc", "hypre", "numpy", "gmsh", "matplotlib", "pyvista"} <= set(known)
     monkeypatch.setattr(info, "find_spec", lambda name: None)
-    assert "tqdm        missing: needed for the live line of progress=True" in say("info")[1]
+    assert "matplotlib  missing: needed for curves and maps" in say("info")[1]
 
 
 #: Command lines of programs, with their exit code and what they say; some on two ranks.

@@ -18,8 +18,8 @@ ROOMS += "results scenes plot command".split()
 FORMER = {"problem"}
 
 #: Modules that print, when they are asked to.
-SPEAKING = {"adaptive.progress_line", "__main__"}
-OPTIONAL = {"gmsh", "matplotlib", "pyvista", "tqdm", "adios4dolfinx", "h5py"}
+SPEAKING = {"adaptive.step_report", "__main__"}
+OPTIONAL = {"gmsh", "matplotlib", "pyvista", "adios4dolfinx", "h5py"}
 MODULES = sorted(FOLDER.rglob("*.py"))
 
 

@@ -51,7 +51,7 @@ from fx_contact.parallel.errors import (
 )
 from fx_contact.plot import draw_bodies, draw_convergence, draw_mesh, draw_pressure, draw_stress, draw_sweep
 from fx_contact.results.accuracy import contact_errors, true_error
-from fx_contact.results.contact_surface import contact_functions
+from fx_contact.results.contact_surface import contact_grid
 from fx_contact.results.output import RecordWriter, write_fields
 from fx_contact.results.reference_values import hertz_a
 
@@ -320,8 +320,6 @@ CASES = {
         (lambda: RootMesh(*grid(), ("a",), [1]), "for the numbers [1]"),
         (lambda: RootMesh(*grid(order=2), ("a",), [0], {}, {"mid": [13]}), "'mid' is not a corner"),
         (lambda: RootMesh(*grid(), ("a",), [0], {"s": [[0, 1], [0, 1]]}), "local face 0..5), none twice"),
-        (lambda: first().contact.along((0, 0), (1, 0, 0)), "the start of a line must have three components"),
-        (lambda: first().contact.along((1, 0, 0), (1, 0, 0)), "a line needs two points, got (1, 0, 0) twice"),
         (lambda: gmsh_box(extra=True), "in no physical group"),
         (lambda: draw_pressure(first(unpaired()), "p.png"), "the scene 'cubes' has no contact pairs"),
         (lambda: draw_mesh(first(), "m.png", zoom="x"), "zoom of a picture must be"),
@@ -427,7 +425,7 @@ CASES[SceneError] += [
         (partial(action, "step", 0.1), "a Step is needed")
         for action in (true_error, draw_pressure, draw_mesh, draw_stress, write_fields)
     ),
-    (lambda: contact_functions("step"), "a Step is needed"),
+    (lambda: contact_grid("step"), "a Step is needed"),
     (
         lambda: first(beginning=replace(Beginning.uniform(small_hertz(), 0, COMM), adapted=0)),
         "`adapted` of a Beginning must be True or False",

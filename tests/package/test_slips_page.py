@@ -36,8 +36,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "slips.md"
 ROW = r"^\| `(.+)` \| (\w+): (.*) \|$"
 ROWS = re.findall(ROW, PAGE.read_text(), flags=re.M)
 #: Public classes that the program makes, and those that `press`, `cube` and other tests stand for.
-RESULTS = {"Run", "Step", "StepRecord", "GoalRecord", "Resultant", "ContactLine", "ContactTable"}
-RESULTS |= {"LoadPath", "SweepPoint", "SweepRecord", "Beginning", "Checkpoint", "Scene", "RootMesh", "Shape"}
+RESULTS = {"Step", "StepRecord", "Beginning", "Checkpoint", "Scene", "RootMesh", "Shape"}
 CELL = create_unit_cube(COMM, 1, 1, 1)
 CUBE = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)
 

@@ -118,7 +118,7 @@ import sys
 from fx_contact import adapt
 from fx_contact.scenes import indentation
 *_, step = adapt(indentation(coarse=2), 0.4)
-optional = "gmsh", "matplotlib", "pyvista", "vtkmodules", "tqdm", "h5py", "adios4dolfinx", "adios2", "IPython", "numba"
+optional = "gmsh", "matplotlib", "pyvista", "vtkmodules", "h5py", "adios4dolfinx", "adios2", "IPython", "numba"
 print(step.record.step, *(name for name in optional if name in sys.modules), sep=",")
 """
         done = subprocess.run([sys.executable, "-c", program], env=outside(), capture_output=True, text=True)

@@ -21,7 +21,8 @@ from fx_contact.parallel.errors import CheckpointError
 from fx_contact.parallel.validation import percent
 from fx_contact.plot import draw_mesh, draw_pressure
 from fx_contact.plot.canvas import axes_for, draw_on_first, plotter_for
-from fx_contact.results import REFERENCES, RecordWriter, write_fields
+from fx_contact.results import RecordWriter, write_fields
+from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import patch, stack
 
 CUBE = root_mesh_from_shapes({"cube": block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)})

@@ -9,7 +9,7 @@ import pytest
 from model_problems import step_record
 from mpi4py import MPI
 
-from fx_contact import TrueError
+from fx_contact.adaptive.step_record import TrueError
 from fx_contact.path.load_path import SweepPoint
 from fx_contact.path.sweep_record import SweepRecord
 from fx_contact.plot import draw_convergence, draw_sweep

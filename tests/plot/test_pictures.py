@@ -1,7 +1,6 @@
 """Pictures: what the section shows, and that something is seen on each."""
 
 from contextlib import nullcontext
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,17 +8,10 @@ import pytest
 from conftest import WORLD, everywhere
 from mpi4py import MPI
 
-from fx_contact import ErrorControl, SweepRecord, adapt, solve
+from fx_contact import ErrorControl, adapt, solve
 from fx_contact.parallel.errors import OutputError, SceneError
-from fx_contact.plot import (
-    draw_bodies,
-    draw_convergence,
-    draw_mesh,
-    draw_pressure,
-    draw_pressure_map,
-    draw_stress,
-    draw_sweep,
-)
+from fx_contact.path.sweep_record import SweepRecord
+from fx_contact.plot import draw_bodies, draw_convergence, draw_mesh, draw_pressure, draw_stress, draw_sweep
 from fx_contact.plot.bodies import _colours, _on_faces
 from fx_contact.plot.canvas import _LEFT, _SHOWN, add_legend, look, plotter_for
 from fx_contact.plot.cut import _section
@@ -47,7 +39,6 @@ PICTURES = {
     "partition": lambda step, records, path: draw_mesh(step, path, zoom=None),
     "bodies": lambda step, records, path: draw_bodies(step, path, cut=True, apart=0.1),
     "pressure": lambda step, records, path: draw_pressure(step, path),
-    "map": lambda step, records, path: draw_pressure_map(step, path),
     "stress": lambda step, records, path: draw_stress(step, path),
     "stress near": lambda step, records, path: draw_stress(step, path, zoom=3, across="z"),
     "convergence": lambda step, records, path: draw_convergence(records, path, WORLD),
@@ -156,43 +147,6 @@ def test_scale_bar(size, units, tmp_path, monkeypatch):
         towards = np.array(plotter.camera.position) - plotter.camera.focal_point
         assert abs(np.diff(line.points, axis=0) @ towards) < 1e-6 * length * np.linalg.norm(towards)
         assert 0.05 < length / (2 * plotter.camera.parallel_scale * 800 / 300) < 0.2
-
-
-def test_map_of_a_contact():
-    """Pressures of the nodes at their places on the modelled quarter, with units; lines between facets; the title."""
-    from matplotlib.figure import Figure
-
-    step, _ = a_step()
-    ax = Figure().add_subplot()
-    assert draw_pressure_map(step, ax=ax) is ax
-    table = step.contact.gathered()
-    if WORLD.rank:
-        return
-    coloured, edges = ax.collections
-    pressure = coloured.get_array()
-    assert np.isclose(pressure.max(), step.record.max_pressure) and pressure.min() == 0
-    x, y = coloured._triangulation.x, coloured._triangulation.y
-    at = np.column_stack([x, y])[np.argmax(pressure)]
-    assert np.allclose(at, table.points[np.argmax(table.pressure), :2])
-    assert min(x.min(), y.min()) > -1e-12, "a quarter"
-    assert ax.get_title() == "lower pole on upper pole" and len(edges.get_segments())
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x", "y")
-    assert ax.figure.axes[1].get_ylabel() == "contact pressure"
-
-
-def test_units_on_a_map():
-    """They are on both axes and on the colour bar; the surface is seen along its normal, wherever that leads."""
-    from matplotlib.figure import Figure
-
-    step = solve(replace(shrink_fit(interference=1e-3), units=("mm", "MPa")), 0.9, max_steps=1, degree=1)
-    ax = Figure().add_subplot()
-    draw_pressure_map(step, ax=ax, contact="shaft on hub")
-    if WORLD.rank == 0:
-        labels = [ax.get_xlabel(), ax.get_ylabel()]
-        assert all(label.endswith(" [mm]") for label in labels) and labels[0] != labels[1], labels
-        assert ax.figure.axes[1].get_ylabel() == "contact pressure [MPa]"
-    with pytest.raises(SceneError, match="unknown contact 'shaft'; there are 'shaft on hub'"):
-        draw_pressure_map(step, contact="shaft", ax=ax)
 
 
 @pytest.mark.parametrize("scene", [cylinders(), shrink_fit(interference=1e-3), stack()], ids=lambda scene: scene.name)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipe, ellipk
 
-from fx_contact.results import Hertz, HertzEllipse, HertzLine, Persson
+from fx_contact.results.analytic import Hertz, HertzEllipse, HertzLine, Persson
 
 
 @pytest.mark.parametrize("play", [1.0, 0.01, 0.0])

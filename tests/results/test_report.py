@@ -2,40 +2,25 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
 from importlib import import_module
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import WORLD
+from conftest import WORLD, everywhere
 from model_problems import step_record
 
-from fx_contact import (
-    GoalRecord,
-    Resultant,
-    SolveError,
-    Solver,
-    Step,
-    StepRecord,
-    adapt,
-    adaptive,
-    contact,
-    plot,
-    problem,
-    results,
-    solve,
-    sweep,
-)
-from fx_contact.adaptive import progress_line
+import fx_contact
+from fx_contact import Step, StepRecord, adapt, adaptive, contact, plot, problem, results, solve, sweep
 from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.adaptive.step_report import table_head, table_row
+from fx_contact.estimate.goal_errors import GoalRecord
 from fx_contact.items.units import labelled, unit_of
 from fx_contact.parallel.timing import STAGES
-from fx_contact.parallel.validation import percent
 from fx_contact.results.report import force_warnings, total_seconds
 from fx_contact.scenes import hertz, stack
+from fx_contact.verdict.resultants import Resultant
 
 
 def columns(line):
@@ -142,69 +127,35 @@ def test_forces_of_a_chain():
 
 
 @pytest.mark.ranks(1, 2)
-@pytest.mark.parametrize("there", [True, False, "file"])
-def test_live_line(there, capfd, monkeypatch):
-    """One line a step on rank 0, in a terminal by tqdm; unknowns, estimate and target in it; an error ends it."""
-    if there:
-        pytest.importorskip("tqdm")
-        monkeypatch.setattr(sys.stderr, "isatty", lambda: there != "file")
-    else:
-        monkeypatch.setattr(progress_line, "find_spec", lambda _: None)
+def test_rows_while_it_runs(capfd):
+    """The table of a run, a row as soon as its step is done, on rank 0 alone; its state above the whole table."""
     run = adapt(hertz(order=2, coarse=2), 0.3, WORLD, progress=True)
-    step = run.last_step()
-    said = capfd.readouterr().err
-    if WORLD.rank:
-        assert said == ""
-        return
-    lines = [line.split("\r")[-1].strip() for line in said.strip().split("\n")]
-    start = [f"step {r.step}: {r.dofs:,} unknowns, error {percent(r.estimate)}, target 30%, " for r in run.records]
-    assert len(lines) == len(start) > 1 and step.record is run.records[-1]
-    assert all(re.fullmatch(re.escape(words) + r"\d+\.\d s", line) for words, line in zip(start, lines))
-    before = (
-        f"{step.record.dofs:,} unknowns, error {percent(run.records[-2].estimate)} before, target 30%, estimate, "
-    )
-    assert (before in said) == (there is True) and ("\r" in said) == (there is True)
+    assert "no step yet" in repr(run) and len(repr(run).splitlines()) == 2
+    run.last_step()
+    rows = [table_head(), *map(table_row, run.records)]
+    everywhere(capfd.readouterr().err == ("" if WORLD.rank else "\n".join([*rows, ""])), "other rows")
+    caption, *table = repr(run).splitlines()
+    assert caption == "run of 'hertz', tolerance 30%: reached" and table == rows and len(rows) > 2
 
 
 @pytest.mark.ranks(1, 2)
-def test_line_of_a_step_that_fails(capfd, monkeypatch):
-    """It is ended, so that the message has a line of its own."""
-    pytest.importorskip("tqdm")
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    options = {"max_steps": 1, "degree": 1, "progress": True}
-    with pytest.raises(SolveError):
-        solve(hertz(order=2, coarse=2), 0.3, solver=Solver(max_krylov=1), **options)
-    assert WORLD.rank or capfd.readouterr().err.endswith(" s\n")
-
-
-@pytest.mark.ranks(1, 2)
-def test_run_in_a_notebook():
-    """A row for each step below the headings of the table, and the state; names are text, not HTML."""
-    run = adapt(replace(hertz(order=2, coarse=2), name="<it>"), 0.3, WORLD, max_steps=1)
-    assert "no step yet" in run._repr_html_() and run._repr_html_().count("<tr>") == 1
-    step = run.last_step()
-    html = run._repr_html_()
-    assert "run of &#x27;&lt;it&gt;&#x27;, tolerance 30%: not reached</caption>" in html and html.count("<tr>") == 2
-    assert re.findall("<th>(.*?)</th>", html) == [found.group() for found in columns(table_head())]
-    assert re.findall("<td>(.*?)</td>", html) == table_row(step.record).split()
-    assert repr(run).splitlines()[1:] == [table_head(), table_row(step.record)]
-
-
-@pytest.mark.ranks(1, 2)
-def test_sweep_in_a_notebook():
-    """A load path is a table too: a row for each point, the parameter's value before the columns of its last step."""
+def test_table_of_a_load_path():
+    """A row for each point, the parameter's value before the columns of its last step."""
     path = sweep(lambda moved: stack(cells=(1, 1, 1), displacement=moved), [1e-3, 2e-3], 0.9, degree=1, max_steps=1)
-    assert "0 of 2 points" in repr(path) and path._repr_html_().count("<tr>") == 1
+    assert "0 of 2 points" in repr(path) and len(repr(path).splitlines()) == 2
     last = [point.record.record for point in path][-1]
-    assert repr(path).splitlines()[1:][-1].split() == ["0.002", *table_row(last).split()]
-    html = path._repr_html_()
-    assert html.count("<tr>") == 3 and "2 of 2 points" in html
-    assert re.findall("<td>(.*?)</td>", html)[-13:] == ["0.002", *table_row(last).split()]
+    caption, _, *rows = repr(path).splitlines()
+    assert "2 of 2 points" in caption and len(rows) == 2
+    assert rows[-1].split() == ["0.002", *table_row(last).split()]
 
 
 @pytest.mark.parametrize(
     "room, name, now",
     [
+        (fx_contact, "PairingError", "fx_contact.parallel.errors.PairingError"),
+        (fx_contact, "Run", "fx_contact.adaptive.adaptive_loop.Run"),
+        (results, "Hertz", "fx_contact.results.analytic.Hertz"),
+        (results, "contact_functions", "fx_contact.results.contact_surface.contact_grid"),
         (results, "doubt_lines", "fx_contact.results.report.model_warnings"),
         (results, "table_row", "fx_contact.adaptive.step_report.table_row"),
         (contact, "create_node_pairs", "create_rows(scene, prolongation, enforcement)"),

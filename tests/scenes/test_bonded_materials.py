@@ -19,7 +19,6 @@ from fx_contact.geometry.solids import ball, block, ring
 from fx_contact.geometry.swept_shapes import sweep_side
 from fx_contact.parallel.timing import Stages
 from fx_contact.plot import draw_stress, plotter_for
-from fx_contact.results.output import point_fields
 
 SOFT, HARD, RUBBER = Material(1.0, 0.3), Material(10.0, 0.2), Material(0.1, 0.499)
 DEGREES = pytest.mark.parametrize("degree", (1, 2))
@@ -95,18 +94,14 @@ def test_parts_of_one_material(degree):
 def test_files_and_grids(degree, folder):
     """Stresses of ParaView and pyvista jump as the nodal ones do; displacements do not."""
     step = solve(layers((SOFT, HARD, SOFT), 1e-3)[0], 0.1, degree=degree)
-    displacement, stress = point_fields(step)
-    assert displacement.function_space.element.basix_element.discontinuous
     known = layers((SOFT, HARD, SOFT), 1e-3)[2][step.forest.mesh.region[step.forest.cell[step.leaf_mesh.leaf]]]
-    at = stress.x.array.reshape(-1, 9)[stress.function_space.dofmap.list]
-    everywhere(np.abs(at[:, :, 0] - known[:, None]).max(initial=0) < 1e-7, "another stress in files")
     grid = step.to_pyvista()
     of_cell = grid.point_data["stress"][grid.cells.reshape(len(known), -1)[:, 1:]]
     everywhere(np.abs(of_cell[..., 0] - known[:, None]).max(initial=0) < 1e-7, "another stress in pyvista")
     moved = grid.point_data["displacement"][:, 0] - 1e-3 * grid.points[:, 0]
     everywhere(np.abs(moved).max(initial=0) < 1e-9, "another displacement")
     results.write_fields(step, folder)
-    assert (folder / "fields.bp").exists()
+    assert list(folder.glob("bodies*vtu"))
 
 
 @pytest.mark.ranks(1, 2)

@@ -188,7 +188,3 @@ def test_load_path_that_ignores_its_value():
     points = list(sweep(lambda value: stack(down=max(value, 0.02)), [0.01, 0.02, 0.03], 0.5, max_steps=1))
     assert [point.value for point in points] == [0.01, 0.02, 0.03]
     assert str(points[1]).startswith("point 1, value 0.02: begun") and str(points[1].step.record) in str(points[1])
-    with pytest.raises(AttributeError, match="did you mean `point.step.record.doubts`"):
-        print(points[1].doubts)
-    with pytest.raises(AttributeError, match="did you mean `point.record.record.force`"):
-        print(points[1].record.force)

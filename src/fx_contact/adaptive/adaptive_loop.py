@@ -9,12 +9,11 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.beginning import Beginning, first_forest
 from fx_contact.adaptive.checkpoint import Checkpoint, CheckpointWriter
-from fx_contact.adaptive.progress_line import ProgressLine, watch_of
 from fx_contact.adaptive.settings import DEGREE, Settings
 from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
-from fx_contact.adaptive.step_report import html_table, table_head, table_row
+from fx_contact.adaptive.step_report import print_row, table_head, table_row
 from fx_contact.adaptive.step_solver import StepStart, solve_step
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
@@ -80,9 +79,8 @@ def adapt(
         checkpoint: folder for the last step, written before it is yielded; None: no checkpoints.
         restart: checkpoint, or its folder; the run continues with its next step, or solves the last one again if
             there is none.
-        progress: True: rank 0 shows a live line for each step on standard error, by tqdm if it is installed.  A
-            function is called on every rank with the number of the step and the stage (`timing.STAGES`) that begins;
-            it must not raise.
+        progress: True: rank 0 prints the row of each step, as of `print(run)`, on standard error.  A function is called
+            on every rank with the number of the step and the stage (`timing.STAGES`) that begins; it must not raise.
 
     Returns:
         An iterator of Step, until xi / (e omega) <= 1 (6), or max_steps are done.  By default xi of a first
@@ -118,7 +116,9 @@ def adapt(
         )
         check_count("max_steps", max_steps)
         check_name("partition", partition_kind, KINDS)
-        watch = watch_of(progress, settings.tolerance, comm)
+        if not (progress is None or isinstance(progress, bool) or callable(progress)):
+            wanted = "True, or a function of a step's number and a stage's name"
+            raise SceneError(f"progress must be {wanted}, got {shown(progress)}")
         _check_start(settings, comm, beginning, source)
         state = beginning.state(settings.degree) if isinstance(beginning, Beginning) else beginning
         entries = settings.entries() | {
@@ -139,7 +139,7 @@ def adapt(
         partition_kind=partition_kind,
         source=source or state,
         writer=writer,
-        progress=watch,
+        progress=progress,
     )
 
 
@@ -191,12 +191,11 @@ class Run:
         partition_kind: str,
         source: State | Checkpoint | None,
         writer: CheckpointWriter | None,
-        progress: Callable[[int, str], None] | None,
+        progress: bool | Callable[[int, str], None] | None,
     ) -> None:
         self.step, self.records = None, []
         self.settings, self._comm, self._kind = settings, comm, partition_kind
         self._max_steps, self._source, self._writer, self._progress = max_steps, source, writer, progress
-        self._line = progress if isinstance(progress, ProgressLine) else None
         self._finished = False
         self._last: dict[str, Any] = {"record": None, "forest": None, "displacement": None}  # for FxContactError
 
@@ -204,16 +203,10 @@ class Run:
         return self
 
     def __repr__(self) -> str:
-        told = (f"{one.kind}: {one.message}" for record in self.records[-1:] for one in record.doubts)
-        return "\n".join([self._caption(), table_head(), *map(table_row, self.records), *told])
-
-    def _repr_html_(self) -> str:
-        return html_table(self._caption(), self.records)
-
-    def _caption(self) -> str:
-        """Scene, tolerance and state of the run."""
+        told = (str(warning) for record in self.records[-1:] for warning in record.doubts)
         state = "no step yet" if not self.records else "reached" if self.records[-1].reached else "not reached"
-        return f"run of {self.settings.scene.name!r}, tolerance {percent(self.settings.tolerance)}: {state}"
+        caption = f"run of {self.settings.scene.name!r}, tolerance {percent(self.settings.tolerance)}: {state}"
+        return "\n".join([caption, table_head(), *map(table_row, self.records), *told])
 
     def __getitem__(self, index: object) -> Step:
         raise SceneError(
@@ -255,9 +248,6 @@ class Run:
             except FxContactError as error:
                 vars(error).update(self._last)
                 raise
-            finally:
-                if self._line is not None:
-                    self._line.close()
         record = self._solved().record
         self._finished = record.reached or record.step >= self._max_steps - 1
         return True
@@ -317,8 +307,6 @@ class Run:
             start = _start(state, settings)
             del state
         self._last.update(forest=start.forest, displacement=start.displacement)
-        if self._line is not None:
-            self._line.unknowns = 3 * start.prolongation.index_map.size_global
         step = solve_step(settings, len(self.records), start, partition, stages)
         pressures = [record.max_pressure for record in (*self.records, step.record)]
         growing = growing_pressure(settings.scene.name, pressures)
@@ -332,13 +320,13 @@ class Run:
                 self._writer.save(step, self.records)
             self.step = replace(step, record=replace(step.record, **stages.costs(self._comm)))
             self._last["record"] = self.records[-1] = self.step.record
-        if self._line is not None:
-            self._line.finish(self.records[-1])
+        if self._progress is True and self._comm.rank == 0:
+            print_row(self.records[-1], first=len(self.records) == 1)
 
     def _stages(self, number: int) -> Stages:
         """Stages of a step, reported to the user's progress."""
         progress = self._progress
-        return Stages(None if progress is None else lambda name: progress(number, name))
+        return Stages((lambda name: progress(number, name)) if callable(progress) else None)
 
 
 def _start(state: State, settings: Settings) -> StepStart:

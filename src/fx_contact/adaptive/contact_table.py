@@ -1,20 +1,15 @@
 """Contact at each contact node: on the ranks that own them, or in one table."""
 
 import csv
-import weakref
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.adaptive.contact_line import ContactLine, FacetValues, check_line, cut_line
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array
-from fx_contact.parallel.errors import OutputError, SceneError
+from fx_contact.parallel.errors import OutputError
 from fx_contact.parallel.meeting import collective
-from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import as_path
 
 _HEAD = ("x", "y", "z", "normal x", "normal y", "normal z", "pressure", "gap", "force", "closed", "pair")
@@ -35,7 +30,6 @@ class ContactTable:
         names: of the scene's contact pairs, as `ContactPair.name`.
         key: (n,), lattice key of the node on the first surface.
         comm: of the ranks that have the rows, each row on one.
-        facets: of the step, on the first surface of a contact by its index, as long as it is there; None: gathered.
     """
 
     points: FloatArray
@@ -48,13 +42,12 @@ class ContactTable:
     names: tuple[str, ...]
     key: Int64Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     comm: MPI.Intracomm = field(default_factory=lambda: MPI.COMM_SELF)
-    facets: "weakref.ref[Callable[[int], FacetValues]] | None" = None
 
     def __len__(self) -> int:
         return len(self.points)
 
     def __repr__(self) -> str:
-        what = "contact" if self.facets is None else "contact on this rank alone"
+        what = "contact on this rank alone" if self.comm.size > 1 else "contact"
         return (
             f"{what}: {len(self):,} contact nodes, {int(self.active.sum()):,} closed\n"
             f"  force {self.force.sum():.6g}, largest pressure {self.pressure.max(initial=0.0):.5g}"
@@ -89,37 +82,10 @@ class ContactTable:
 
         Collective on comm.
         """
-        names = [one.name for one in fields(self) if one.name not in ("names", "comm", "facets")]
+        names = [one.name for one in fields(self) if one.name not in ("names", "comm")]
         parts = self.comm.gather({name: getattr(self, name) for name in names}, root=0)
         if parts is None:
             return None
         columns = {name: np.concatenate([part[name] for part in parts]) for name in names}
         order = np.lexsort((columns["key"], columns["pair"]))
         return ContactTable(**{name: column[order] for name, column in columns.items()}, names=self.names)
-
-    @collective("self.comm")
-    def along(self, start: Any, end: Any) -> ContactLine:
-        """Pressure and gap along a straight line on the first surface of the contact that is nearest to its middle.
-
-        Collective on comm.  On a curved surface the values are those in the plane through the line along the surface's
-        normal at that place; of a symmetric scene, on the modelled part.
-
-        Args:
-            start, end: (3,), on the undeformed surface or beside it [m].
-
-        Raises:
-            SceneError: they are no two points; there is no contact, or none below the line; the line is perpendicular
-                to the surface; the step is gone.
-        """
-        line = check_line(start, end)
-        with together(self.comm):
-            of_step = None if self.facets is None else self.facets()
-            if of_step is None:
-                raise SceneError("a line needs the step of the contact, which is gone: keep it while you ask for it")
-        distance = np.linalg.norm(self.points - (line[0] + 0.5 * line[2] * line[1]), axis=1)
-        nearest = [(distance[i], self.key[i], self.pair[i], self.normal[i]) for i in np.argsort(distance)[:1]]
-        known = [one for part in self.comm.allgather(nearest) for one in part]
-        if not known:
-            raise SceneError("the scene has no contact pairs, so there is no contact along a line")
-        _, _, pair, normal = min(known, key=lambda one: one[:2])
-        return cut_line(self.comm, of_step(int(pair)), line, normal)

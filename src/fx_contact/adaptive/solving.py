@@ -12,8 +12,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def _as(other: Callable[P, Any]) -> Callable[[Callable[..., R]], Callable[P, R]]:
-    """Decorator of a function with the arguments of another one."""
+def arguments_of(other: Callable[P, Any]) -> Callable[[Callable[..., R]], Callable[P, R]]:
+    """Decorator of a function with the arguments of another one.  Local."""
 
     def decorate(function: Callable[..., R]) -> Callable[P, R]:
         """The function, whose signature shows them."""
@@ -25,7 +25,7 @@ def _as(other: Callable[P, Any]) -> Callable[[Callable[..., R]], Callable[P, R]]
 
 
 @collective("comm")
-@_as(adapt)
+@arguments_of(adapt)
 def solve(*arguments: Any, **options: Any) -> Step:
     """Solve a scene to a prescribed accuracy; only the last step is kept.
 

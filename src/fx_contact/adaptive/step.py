@@ -1,8 +1,6 @@
 """The state after one adaptive step, with its dolfinx objects, contact and resultants."""
 
 import warnings
-import weakref
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,7 +10,6 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 
-from fx_contact.adaptive.contact_line import FacetValues, facet_values
 from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.adaptive.pyvista_grid import leaf_grid
 from fx_contact.adaptive.step_record import StepRecord, report_text
@@ -161,9 +158,7 @@ class Step(SolvedState):
         if pairs is None:
             vectors, numbers, active = np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool)
             pair, key = np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.int64)
-            return ContactTable(
-                vectors, vectors, numbers, numbers, numbers, active, pair, names, key, comm, self._facets
-            )
+            return ContactTable(vectors, vectors, numbers, numbers, numbers, active, pair, names, key, comm)
         return ContactTable(
             points=pairs.position,
             normal=pairs.normal,
@@ -175,17 +170,7 @@ class Step(SolvedState):
             names=names,
             key=pairs.node_keys,
             comm=comm,
-            facets=self._facets,
         )
-
-    @property
-    def _facets(self) -> "weakref.ref[Callable[[int], FacetValues]]":
-        """`facet_values`, without a cycle of references, which would keep the meshes of former steps."""
-        return weakref.WeakMethod(self._facet_values)
-
-    def _facet_values(self, contact: int) -> FacetValues:
-        """Contact on the facets of a contact's first surface.  Collective."""
-        return facet_values(self, contact)
 
     @property
     def surface_tags(self) -> dict[str, int]:

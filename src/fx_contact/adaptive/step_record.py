@@ -195,7 +195,7 @@ def _lines(r: StepRecord) -> Iterator[str]:
     yield from _contacts(r)
     yield from _resultants(r)
     yield from map(str, r.goals)
-    yield from (f"{warning.kind}: {warning.message}" for warning in r.doubts)
+    yield from map(str, r.doubts)
     yield from undirected(r)
 
 

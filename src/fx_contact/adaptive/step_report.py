@@ -1,7 +1,7 @@
 """Table of the records of a run's steps, or of a load path's points.  All is local."""
 
-from collections.abc import Callable, Sequence
-from html import escape
+import sys
+from collections.abc import Callable
 
 from fx_contact.adaptive.step_record import StepRecord
 
@@ -32,13 +32,6 @@ def table_row(record: StepRecord) -> str:
     return "  ".join(show(record).rjust(width) for _, width, show in _COLUMNS)
 
 
-def html_table(caption: str, records: Sequence[StepRecord], values: Sequence[float] | None = None) -> str:
-    """Table of the steps of a run, or of the points of a load path with their values, in HTML: as `table_row`."""
-    rows = [[("th", name) for name, _, _ in _COLUMNS]]
-    rows += [[("td", show(record)) for _, _, show in _COLUMNS] for record in records]
-    if values is not None:
-        first = [("th", "value"), *(("td", f"{value:.5g}") for value in values)]
-        rows = [[cell, *row] for cell, row in zip(first, rows)]
-    cells = ("".join(f"<{tag}>{escape(text)}</{tag}>" for tag, text in row) for row in rows)
-    lines = "\n".join(f"<tr>{row}</tr>" for row in cells)
-    return f"<table>\n<caption>{escape(caption)}</caption>\n{lines}\n</table>"
+def print_row(record: StepRecord, first: bool) -> None:
+    """Print the row of a step on standard error, the first one below the headings."""
+    print(f"{table_head()}\n" * first + table_row(record), file=sys.stderr, flush=True)

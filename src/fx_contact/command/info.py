@@ -15,8 +15,7 @@ from fx_contact.parallel.versions import library_versions, project_version
 _OPTIONAL = {
     "gmsh": "meshes of Gmsh and CAD files",
     "matplotlib": "curves and maps",
-    "pyvista": "pictures of bodies, bodies.vtu",
-    "tqdm": "the live line of progress=True",
+    "pyvista": "pictures of bodies, files of fields",
 }
 
 

@@ -16,10 +16,10 @@ from mpi4py import MPI
 from fx_contact.adaptive.adaptive_loop import Run, adapt
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint, CheckpointWriter
 from fx_contact.adaptive.checkpoint_file import CheckpointFile
+from fx_contact.adaptive.solving import arguments_of
 from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step
-from fx_contact.adaptive.step_record import StepRecord
-from fx_contact.adaptive.step_report import html_table, table_head, table_row
+from fx_contact.adaptive.step_report import table_head, table_row
 from fx_contact.adaptive.step_solver import HISTORY
 from fx_contact.parallel.agreement import check_alike
 from fx_contact.parallel.arrays import FloatArray, Int8Array
@@ -67,20 +67,12 @@ def sweep(
         OutputError: the folder cannot be written, or has the checkpoint of another run.
         FxContactError: as `adapt`, while a point is solved.
     """
-    return _load_path("sweep", scene_of, values, tolerance, comm, folder, restart, options)
+    return LoadPath("sweep", scene_of, values, tolerance, comm, folder=folder, restart=restart, **options)
 
 
 @collective("comm")
-def increments(
-    scene_of: Callable[[float], Scene],
-    values: Iterable[float],
-    tolerance: float,
-    comm: MPI.Intracomm = MPI.COMM_WORLD,
-    *,
-    folder: str | Path | None = None,
-    restart: bool = False,
-    **options: Any,
-) -> "LoadPath":
+@arguments_of(sweep)
+def increments(*arguments: Any, **options: Any) -> "LoadPath":
     """Solve scenes in order, each from the state before: as `sweep`, for laws with a history.
 
     Collective on comm; so is every point of the iteration.  A point begins on the forest of the one before, which is
@@ -89,46 +81,24 @@ def increments(
 
     Args and Raises: as `sweep`; also SceneError if the root mesh or the contact pairs of the scene change.
     """
-    return _load_path("increments", scene_of, values, tolerance, comm, folder, restart, options)
+    return LoadPath("increments", *arguments, **options)
 
 
-def _load_path(
-    kind: str,
-    scene_of: Callable[[float], Scene],
-    values: Iterable[float],
-    tolerance: float,
-    comm: MPI.Intracomm,
-    folder: str | Path | None,
-    restart: bool,
-    options: dict[str, Any],
-) -> "LoadPath":
-    """A load path of a kind, "sweep" or "increments", by checked arguments.  Collective on comm."""
-    check_comm(comm)
-    with together(comm):
-        if not callable(scene_of):
-            raise SceneError(f"scene_of must be a function of a value that gives a Scene, got {shown(scene_of)}")
-        points = _checked(values)
-        signature(adapt).bind(scene_of, tolerance, **options)  # TypeError for one that it does not have
-        check_tolerance("the tolerance", tolerance)
-        for name in ("checkpoint", "restart"):
-            if name in options:
-                raise SceneError(f"a load path takes no {name!r} of adapt: it keeps its last point in its own folder")
-        if folder is not None:
-            folder = as_path("the folder of a load path", folder)
-        elif restart:
-            raise SceneError("a load path restarts from the folder of one before: name it")
-    check_alike(comm, {"values": points, "folder of a load path": folder and str(folder), "restart": bool(restart)})
-    return LoadPath(kind, scene_of, points, tolerance, comm, folder, restart, options)
-
-
-def _checked(values: Iterable[float]) -> list[float]:
-    """Raises SceneError unless they are finite numbers, one at least."""
+def _checked(scene_of: object, values: Iterable[float], tolerance: float, options: dict[str, Any]) -> list[float]:
+    """The values as numbers.  Raises SceneError unless a load path can have these arguments, TypeError as `adapt`."""
+    if not callable(scene_of):
+        raise SceneError(f"scene_of must be a function of a value that gives a Scene, got {shown(scene_of)}")
     try:
         numbers = list(values)
     except TypeError:
         raise SceneError(f"the values of a load path must be a list of numbers, got {shown(values)}") from None
     if not numbers:
         raise SceneError("the values of a load path must be one number at least, got none")
+    signature(adapt).bind(scene_of, tolerance, **options)
+    check_tolerance("the tolerance", tolerance)
+    for name in ("checkpoint", "restart"):
+        if name in options:
+            raise SceneError(f"a load path takes no {name!r} of adapt: it keeps its last point in its own folder")
     return [check_number("a value of a load path", number) for number in numbers]
 
 
@@ -139,10 +109,6 @@ class SweepPoint:
     value: float
     step: Step
     record: SweepRecord
-
-    def __getattr__(self, name: str) -> Any:
-        meant = f"; did you mean `point.step.record.{name}`?" if name in StepRecord.__dataclass_fields__ else ""
-        raise AttributeError(f"a SweepPoint has no attribute {name!r}{meant}", name=name)
 
     def __str__(self) -> str:
         return str(self.record)
@@ -159,24 +125,33 @@ class LoadPath:
         self,
         kind: str,
         scene_of: Callable[[float], Scene],
-        values: list[float],
+        values: Iterable[float],
         tolerance: float,
-        comm: MPI.Intracomm,
-        folder: Path | None,
-        restart: bool,
-        options: dict[str, Any],
+        comm: MPI.Intracomm = MPI.COMM_WORLD,
+        *,
+        folder: str | Path | None = None,
+        restart: bool = False,
+        **options: Any,
     ) -> None:
+        check_comm(comm)
+        with together(comm):
+            self._values = _checked(scene_of, values, tolerance, options)
+            if restart and folder is None:
+                raise SceneError("a load path restarts from the folder of one before: name it")
+            self._folder = None if folder is None else as_path("the folder of a load path", folder)
+        name = self._folder and str(self._folder)
+        check_alike(comm, {"values": self._values, "folder of a load path": name, "restart": bool(restart)})
         self.records: list[SweepRecord] = []
-        self._scene_of, self._values, self._tolerance, self._comm = scene_of, values, tolerance, comm
-        self._kind, self._folder, self._options = kind, folder, options
+        self._kind, self._scene_of, self._tolerance, self._comm = kind, scene_of, tolerance, comm
+        self._options = options
         self._handed_out = False  # all points, in a loop
         self._writer: CheckpointWriter | None = None
         self._before: Checkpoint | None = None  # to restart from
         self._last: State | None = None  # of the last point
         self._first: dict[str, Any] | None = None  # problem of the first point
         self._alike = not restart  # all problems so far
-        if restart and folder is not None:
-            self._resume(folder)
+        if restart and self._folder is not None:
+            self._resume(self._folder)
 
     def __iter__(self) -> Self:
         if self._handed_out:
@@ -188,18 +163,10 @@ class LoadPath:
 
     def __repr__(self) -> str:
         rows = (f"{point.value:>11.5g}  {table_row(point.record)}" for point in self.records)
-        told = (f"at {p.value:g}: {one.kind}, {one.message}" for p in self.records for one in p.record.doubts)
-        return "\n".join([self._caption(), f"{'value':>11}  {table_head()}", *rows, *told])
-
-    def _repr_html_(self) -> str:
-        """Table in notebooks."""
-        records = [point.record for point in self.records]
-        return html_table(self._caption(), records, [point.value for point in self.records])
-
-    def _caption(self) -> str:
-        """Tolerance and state of the load path."""
+        told = (f"at {p.value:g}: {warning}" for p in self.records for warning in p.record.doubts)
         done = f"{len(self.records)} of {len(self._values)} points"
-        return f"load path, tolerance {percent(self._tolerance)}: {done}, the last step of each"
+        caption = f"load path, tolerance {percent(self._tolerance)}: {done}, the last step of each"
+        return "\n".join([caption, f"{'value':>11}  {table_head()}", *rows, *told])
 
     def __getitem__(self, index: object) -> SweepPoint:
         raise SceneError(

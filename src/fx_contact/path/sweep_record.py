@@ -41,10 +41,6 @@ class SweepRecord:
     cpu_seconds: float
     record: StepRecord
 
-    def __getattr__(self, name: str) -> Any:
-        meant = f"; did you mean `point.record.record.{name}`?" if name in StepRecord.__dataclass_fields__ else ""
-        raise AttributeError(f"a SweepRecord has no attribute {name!r}{meant}", name=name)
-
     def __str__(self) -> str:
         where = {"coarse": "on a coarse mesh", "before": "on the mesh before"}.get(self.begun, self.begun)
         begun = f"begun {where}, {self.solves} steps"

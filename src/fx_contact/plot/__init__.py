@@ -9,14 +9,12 @@ from fx_contact.plot.bodies import draw_bodies, draw_mesh
 from fx_contact.plot.canvas import plotter_for
 from fx_contact.plot.curves import draw_convergence, draw_pressure, draw_sweep
 from fx_contact.plot.cut import draw_stress
-from fx_contact.plot.pressure_map import draw_pressure_map
 
 __all__ = [
     "draw_bodies",
     "draw_convergence",
     "draw_mesh",
     "draw_pressure",
-    "draw_pressure_map",
     "draw_stress",
     "draw_sweep",
     "plotter_for",

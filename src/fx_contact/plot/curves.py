@@ -34,7 +34,7 @@ def draw_pressure(
 ) -> Any:
     """Contact pressure of all contact nodes over their distance from the centre of the contact, and a known solution.
 
-    A curve in round contact only; `draw_pressure_map` and `step.contact.along` show any.
+    A curve in round contact only; maps and lines of any contact: `results.contact_grid`.
 
     Collective on the step's communicator; rank 0 draws, into the PNG of the path or on `ax`, which is returned.
 

@@ -4,17 +4,10 @@ import json
 import math
 import os
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
-import basix.ufl
-import numpy as np
-import numpy.typing as npt
-from dolfinx import fem
 from mpi4py import MPI
 
-from fx_contact.adaptive.pyvista_grid import leaf_grid
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.parallel.agreement import shared_path
@@ -22,9 +15,8 @@ from fx_contact.parallel.errors import OutputError, writing
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import as_folder, check_comm
-from fx_contact.results.contact_surface import contact_functions
+from fx_contact.results.contact_surface import contact_grid
 from fx_contact.results.vtu import write_grid
-from fx_contact.results.vtx import function_on, write_vtu, write_vtx
 
 #: Entries that identify the record of a state, and their relative tolerance after solving for it again.
 _TELLING, _SAME = ("cells", "dofs", "force", "estimate"), 1e-6
@@ -111,45 +103,14 @@ def _step_of(line: bytes, finished: Sequence[StepRecord]) -> int | None:
 
 @collective("step.forest.comm")
 def write_fields(step: Step, folder: str | Path) -> None:
-    """Write a step's fields for ParaView and pyvista, on curved cells, replacing existing files.
+    """Write a step's fields for ParaView and pyvista, replacing existing files; needs pyvista.
 
-    Collective.  `bodies.vtu` (VTK; on several ranks `bodies.pvtu` and a file a rank) has the data of `Step.to_pyvista`
-    on Lagrange hexahedra, if pyvista is installed.  `fields.bp` (ADIOS2, VTX) has the displacement [m] and the
-    projected stress [Pa] (`point_fields`); `cells.bp` has one value per cell: indicator [J^(1/2)], level, rank;
-    `contact.pvtu` (VTK) has the fields on both sides of the contact surfaces, if there are any (`contact_functions`).
-    Raises SceneError for no step, SolveError as `Step.stress`, OutputError if a file cannot be written, or there is no
-    space for it: then an existing one is kept.
+    Collective.  `bodies.vtu` is `Step.to_pyvista`; `contact.vtu` has both sides of the contact surfaces, if there are
+    any (`contact_grid`).  On several ranks these are `bodies.pvtu` and `contact.pvtu`, with a file a rank.  Raises
+    SceneError for no step, SolveError as `Step.stress`, OutputError if a file cannot be written.
     """
     check_step(step)
-    comm, time, mesh, leaf = step.forest.comm, step.record.step, step.mesh, step.leaf_mesh.leaf
-    place = shared_path(comm, "the output folder", folder, OutputError, as_folder)
-    nodal = point_fields(step)
-    write_vtx(comm, place / "fields.bp", nodal, time)
-    if find_spec("pyvista"):
-        write_grid(comm, place / "bodies", leaf_grid(step, *nodal))
-    values: dict[str, npt.NDArray[Any]] = {
-        "indicator": step.estimate.error,
-        "level": step.forest.level[leaf],
-        "rank": np.full(len(leaf), comm.rank),
-    }
-    cells = [function_on(mesh, ("DG", 0), name, value[:, None, None]) for name, value in values.items()]
-    write_vtx(comm, place / "cells.bp", cells, time)
+    place = shared_path(step.forest.comm, "the output folder", folder, OutputError, as_folder)
+    write_grid(step.forest.comm, place / "bodies", step.to_pyvista())
     if step.rows is not None:
-        write_vtu(comm, place / "contact.pvtu", list(contact_functions(step).values()), time)
-
-
-@collective("step.forest.comm")
-def point_fields(step: Step) -> list[fem.Function]:
-    """Displacement [m] and stress [Pa] at equispaced points of each cell, for ParaView.
-
-    Collective on the step's communicator.  The order is the higher one of geometry and displacement.
-    """
-    order, variant, fields = max(step.leaf_mesh.order, step.record.degree), basix.LagrangeVariant.equispaced, []
-    jumps = step.stress.function_space.element.basix_element.discontinuous  # VTX takes functions of one element
-    for name, given in (("displacement", step.displacement), ("stress", step.stress)):
-        element = basix.ufl.element(
-            *("Lagrange", "hexahedron", order, variant), shape=given.ufl_shape, discontinuous=jumps
-        )
-        fields.append(fem.Function(fem.functionspace(step.mesh, element), name=name))
-        fields[-1].interpolate(given)
-    return fields
+        write_grid(step.forest.comm, place / "contact", contact_grid(step))

@@ -24,7 +24,7 @@ def force_warnings(record: StepRecord) -> list[str]:
 
 def model_warnings(record: StepRecord) -> list[str]:
     """Warnings about violated assumptions of the model, a line each, from the last step."""
-    return [f"{warning.kind}: {warning.message}" for warning in record.doubts]
+    return [*map(str, record.doubts)]
 
 
 def total_seconds(steps: Sequence[Mapping[str, float]]) -> str:

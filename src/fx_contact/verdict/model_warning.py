@@ -48,6 +48,9 @@ class ModelWarning:
     place: Point | str
     message: str
 
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.message}"
+
 
 def checked_kinds(allow: str | Sequence[str]) -> tuple[str, ...]:
     """Kinds of warnings to allow, or one, as a tuple.  Local.  Raises SceneError unless they are keys of `REFUSED`."""
