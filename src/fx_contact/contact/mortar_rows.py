@@ -202,7 +202,7 @@ def _tied(scene: Scene, prolongation: Prolongation, index: int) -> BoolArray:
     held = prolongation.zeros(3)
     for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
         held[nodes] += 1.0 if isinstance(condition, ObliquePlane) else np.diag(condition.across)
-    here = _on_surfaces(prolongation, lambda contact, _: (contact >= len(scene.contact)) & (contact != index))[0]
+    here = _on_surfaces(prolongation, lambda contact, _: scene.couplings[contact] & (contact != index))[0]
     held[here[here >= 0]] = 1.0
     return np.asarray(prolongation.ghosted(prolongation.summed(held)) > 0)
 
@@ -216,15 +216,15 @@ def _stuck(scene: Scene, prolongation: Prolongation, index: int) -> BoolArray:
     normal, across = _normals(prolongation, index), prolongation.zeros(9)
     for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
         across[nodes] += condition.across.ravel()
-    here = _on_surfaces(prolongation, lambda contact, _: contact >= len(scene.contact))[0]
+    here = _on_surfaces(prolongation, lambda contact, _: scene.couplings[contact])[0]
     across[here[here >= 0]] += np.eye(3).ravel()
     across = prolongation.ghosted(prolongation.summed(across)).reshape(-1, 3, 3)
     held, some = np.zeros(len(normal), dtype=bool), np.flatnonzero(across.any(axis=(1, 2)) & normal.any(axis=1))
     values, vectors = np.linalg.eigh(across[some])
     part = np.einsum("nij,ni->nj", vectors, normal[some]) * (values > SAME_PLANE)
     held[some] = (part**2).sum(axis=1) > SMOOTH**2
-    for other in range(len(scene.contact)):
-        if other != index:
+    for other, interface in enumerate(scene.interfaces):
+        if other != index and not interface.EQUALITY:
             held |= np.einsum("ni,ni->n", normal, _normals(prolongation, other)) > SMOOTH
     return held[:, None]
 

@@ -32,6 +32,8 @@ class Contact(ABC):
 
     #: Rows are equations, always closed.
     EQUALITY: ClassVar[bool] = False
+    #: Kind of its resultants.
+    KIND: ClassVar[str] = "contact"
 
     tangential: TangentialLaw | None = None
     clearance: float = 0.0

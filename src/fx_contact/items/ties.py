@@ -1,7 +1,7 @@
 """Ties of a scene: surfaces that are glued.  Their constraint rows are those of contact, along each axis."""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -25,6 +25,8 @@ class Tie(Coupling):
     Attributes:
         first, second: names of the surfaces, of two bodies or of one.
     """
+
+    KIND: ClassVar[str] = "tie"
 
     first: str
     second: str

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,6 +20,8 @@ _ROUNDING = 1e-10, 1e-9
 @dataclass(frozen=True, eq=False)
 class RigidFace(Coupling):
     """The surface of a RigidLoad in a scene: rows of all its nodes, with the motions that its conditions allow."""
+
+    KIND: ClassVar[str] = "rigid load"
 
     surface: str
     face_motion: FaceMotion

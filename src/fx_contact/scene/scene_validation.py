@@ -247,7 +247,7 @@ def check_ties(scene: SceneItems) -> None:
     for tie in scene.ties:
         if isinstance(tie, Preload):
             _check_section(scene.mesh, tie)
-    for index, tie in enumerate(scene.ties, len(scene.contact)):
+    for index, tie in scene.numbered(Tie).items():
         distance, size = _between(scene, index)
         part = np.nan_to_num(np.abs(distance)) / size
         worst = np.unravel_index(part.argmax(), part.shape)
@@ -294,15 +294,15 @@ def check_constrained(scene: SceneItems) -> None:
     motions = scene.rigid_motions
     first, opposite = _facing_bodies(scene)
     direction = scene.contact_directions(first)
-    tied = scene.contact_surfaces.contact[first[:, 0], first[:, 1]] >= len(scene.contact)
+    tied = scene.couplings[scene.contact_surfaces.contact[first[:, 0], first[:, 1]]]
     axes = np.tile(np.eye(3), (int(tied.sum()), 1))
     direction = np.concatenate([direction[~tied], axes])
     first, opposite = (
         np.concatenate([facets[~tied], np.repeat(facets[tied], 3, axis=0)]) for facets in (first, opposite)
     )
     of = scene.contact_surfaces.contact[first[:, 0], first[:, 1]]
-    normal = [contact.unit_direction is None for contact in scene.contact]
-    along_normals = np.array([*normal, *(False for _ in scene.interfaces[len(normal) :])], dtype=bool)[of]
+    normal = [one.unit_direction is None and not one.EQUALITY for one in scene.interfaces]
+    along_normals = np.array(normal, dtype=bool)[of]
     points = resisting_points(scene.mesh, first, direction, along_normals).reshape(-1, 3)
     here, there = (
         motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))
