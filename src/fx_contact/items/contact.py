@@ -63,11 +63,6 @@ class Contact(ABC):
         """(3,), out of the first body, direction of the summed force [-]; None: sum of the normal forces."""
 
     @property
-    @abstractmethod
-    def data(self) -> list[str | float]:
-        """Definition of the contact for JSON, compared with that in a checkpoint."""
-
-    @property
     def obstacle(self) -> Obstacle | None:
         """The rigid obstacle, if there is one of the kinds of `items.obstacles`."""
         return None
@@ -169,16 +164,6 @@ class ContactPair(Contact):
         if self.direction is not None:
             return check_direction(f"the direction of {self.name!r}", self.direction)
         return -self.second.unit_normal if isinstance(self.second, RigidPlane) else None
-
-    @property
-    def data(self) -> list[str | float]:
-        """Names, or definition of the obstacle, clearance if there is one, direction, and force."""
-        direction = map(float, () if self.direction is None else self.direction)
-        if self.obstacle is None:
-            return [*self.surfaces, *([float(self.clearance)] if self.clearance else []), *direction]
-        numbers = map(float, (*self.moved, self.clearance))
-        force: list[str | float] = [] if self.force is None else ["force", *map(float, self.force)]
-        return [self.first, *self.obstacle.data, *numbers, *direction, *force]
 
     @property
     def motion(self) -> Approach | None:

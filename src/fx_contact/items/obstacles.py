@@ -5,7 +5,7 @@ A body is outside if g(x + u) >= 0.  For small strain g(x + u) = g(x) + u . grad
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -33,13 +33,6 @@ class Obstacle(ABC):
 
         Raises SceneError for functions that give other shapes or values that are not finite.
         """
-
-    @property
-    def data(self) -> list[str | float]:
-        """Definition for JSON, without functions of position."""
-        values = (getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
-        numbers = (value for value in values if not callable(value))
-        return [self.name, *(float(number) for value in numbers for number in np.atleast_1d(value))]
 
 
 @dataclass(frozen=True)

@@ -38,8 +38,3 @@ class RigidLoad:
     def what(self) -> str:
         """Kind and place, for messages."""
         return f"the rigid load on {self.surface!r}"
-
-    @property
-    def data(self) -> list[str | float | None]:
-        """Surface and numbers, to compare."""
-        return [self.surface, *self.force, *self.moment, *(self.point or (None,))]

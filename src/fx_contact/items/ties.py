@@ -45,11 +45,6 @@ class Tie(Coupling):
         return self.first, self.second
 
     @property
-    def data(self) -> list[str | float]:
-        """Names of both surfaces."""
-        return [*self.surfaces]
-
-    @property
     def name(self) -> str:
         """Name in records."""
         return f"{self.first} tied to {self.second}"
@@ -115,12 +110,6 @@ class Preload(Tie):
         """The section with the second side first."""
         x, y, z = self.axis
         return replace(self, first=self.second, second=self.first, axis=(-x, -y, -z))
-
-    @property
-    def data(self) -> list[str | float]:
-        """Names of both sides, axis, closing and tension."""
-        tension: list[str | float] = [] if self.tension is None else ["tension", float(self.tension)]
-        return [*self.surfaces, *map(float, self.axis), float(self.closing or 0.0), *tension]
 
     @property
     def name(self) -> str:

@@ -37,11 +37,6 @@ class RigidFace(Coupling):
         return (self.surface,)
 
     @property
-    def data(self) -> list[str | float]:
-        """Name alone: `RigidLoad.data` has the rest."""
-        return [self.surface]
-
-    @property
     def name(self) -> str:
         """Name in records."""
         return self.surface
