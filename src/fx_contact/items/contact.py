@@ -1,6 +1,7 @@
 """Contacts of a scene.  The constraint rows of each kind of contact are in `contact/row_kinds.py`."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -32,8 +33,9 @@ class Contact(ABC):
 
     #: Rows are equations, always closed.
     EQUALITY: ClassVar[bool] = False
-    #: Kind of its resultants.
+    #: Kind of its resultants, and what its name says between those of the surfaces.
     KIND: ClassVar[str] = "contact"
+    JOINT: ClassVar[str] = "on"
 
     tangential: TangentialLaw | None = None
     clearance: float = 0.0
@@ -70,12 +72,15 @@ class Contact(ABC):
     @property
     def name(self) -> str:
         """Name in records, from those of the surfaces, "surface on rigid sphere" for an obstacle."""
-        return " on ".join([*self.surfaces, *([] if self.obstacle is None else [self.obstacle.name])])
+        return self._joined(self.surfaces)
 
     @property
     def label(self) -> str:
         """As `name`, with names of surfaces in quotes."""
-        return " on ".join([*map(repr, self.surfaces), *([] if self.obstacle is None else [self.obstacle.name])])
+        return self._joined(map(repr, self.surfaces))
+
+    def _joined(self, names: Iterable[str]) -> str:
+        return f" {self.JOINT} ".join([*names, *([] if self.obstacle is None else [self.obstacle.name])])
 
 
 class Coupling(Contact):

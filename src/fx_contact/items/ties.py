@@ -27,6 +27,7 @@ class Tie(Coupling):
     """
 
     KIND: ClassVar[str] = "tie"
+    JOINT: ClassVar[str] = "tied to"
 
     first: str
     second: str
@@ -43,16 +44,6 @@ class Tie(Coupling):
     def surfaces(self) -> tuple[str, ...]:
         """Names of both surfaces."""
         return self.first, self.second
-
-    @property
-    def name(self) -> str:
-        """Name in records."""
-        return f"{self.first} tied to {self.second}"
-
-    @property
-    def label(self) -> str:
-        """As `name`, with names of surfaces in quotes."""
-        return f"{self.first!r} tied to {self.second!r}"
 
 
 @dataclass(frozen=True)
@@ -72,6 +63,8 @@ class Preload(Tie):
             a symmetry plane [N].  None: the closing is given.
         closing: t, by which the bolt is shortened [m]; ignored beside a tension.
     """
+
+    JOINT: ClassVar[str] = "bolted to"
 
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     tension: float | None = None
@@ -110,13 +103,3 @@ class Preload(Tie):
         """The section with the second side first."""
         x, y, z = self.axis
         return replace(self, first=self.second, second=self.first, axis=(-x, -y, -z))
-
-    @property
-    def name(self) -> str:
-        """Name in records."""
-        return f"{self.first} bolted to {self.second}"
-
-    @property
-    def label(self) -> str:
-        """As `name`, with names of surfaces in quotes."""
-        return f"{self.first!r} bolted to {self.second!r}"

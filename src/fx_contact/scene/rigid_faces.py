@@ -37,11 +37,6 @@ class RigidFace(Coupling):
         return (self.surface,)
 
     @property
-    def name(self) -> str:
-        """Name in records."""
-        return self.surface
-
-    @property
     def label(self) -> str:
         """Name in messages."""
         return f"rigid load {self.surface!r}"
