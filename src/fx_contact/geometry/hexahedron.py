@@ -23,6 +23,8 @@ CORNERS: Int64Array = np.asarray(basix.geometry(basix.CellType.hexahedron)).asty
 FACE_CORNERS = np.array(_faces)
 FACE_AXIS = np.ptp(CORNERS[FACE_CORNERS], axis=1).argmin(axis=1)
 FACE_SIDE = CORNERS[FACE_CORNERS[:, 0], FACE_AXIS]
+#: Local face on the low and the high side of each axis: (3, 2).
+FACES = np.lexsort((FACE_SIDE, FACE_AXIS)).reshape(3, 2)
 FACE_TANGENTS = np.array([[b for b in range(3) if b != axis] for axis in FACE_AXIS])
 
 #: +1 where the first tangent times the second points out of the cell, else -1.

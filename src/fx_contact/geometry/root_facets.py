@@ -61,8 +61,7 @@ class RootFacets:
         self.facets, self.order = facets, mesh.order
         self.orientation: Int64Array = hexahedron.FACE_ORIENTATION[facets[:, 1]]
         n = self.order + 1
-        nodes = mesh.cells[facets[:, :1], hexahedron.face_nodes(self.order)[facets[:, 1]]]
-        x = mesh.points[nodes].reshape(len(facets), n, n, 3)
+        x = mesh.points[mesh.facet_nodes(facets)].reshape(len(facets), n, n, 3)
         slope = hexahedron.lagrange_derivative(self.order, np.arange(n) / self.order)
         nodal = np.concatenate([x, slope @ x, np.einsum("ij,fjud->fiud", slope, x)], axis=3)
         self._nodal = nodal.reshape(len(facets), n * n, 9)
