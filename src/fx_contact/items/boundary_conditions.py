@@ -7,8 +7,8 @@ evaluated.  All is local.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,25 @@ ScalarValue: TypeAlias = float | Callable[[FloatArray], npt.ArrayLike]
 VectorValue: TypeAlias = Sequence[float] | FloatArray | Callable[[FloatArray], npt.ArrayLike]
 
 COMPONENTS = "xyz"
+
+
+@dataclass(frozen=True)
+class Placed:
+    """An item of a scene at a place of the mesh, its first field."""
+
+    #: With an article and a preposition, for messages.
+    KIND: ClassVar[str]
+
+    @property
+    def place(self) -> str:
+        """Name of the place."""
+        place: str = getattr(self, fields(self)[0].name)
+        return place
+
+    @property
+    def what(self) -> str:
+        """Kind and place, for messages."""
+        return f"{self.KIND} {self.place!r}"
 
 
 @dataclass(frozen=True)
@@ -117,8 +136,8 @@ class RigidMotion(Dirichlet):
 
     def __post_init__(self) -> None:
         for name in ("translation", "rotation", "centre"):
-            check_vector(f"the {name} of the rigid motion of {shown(self.where)}", getattr(self, name))
-            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
+            what = f"the {name} of the rigid motion of {shown(self.where)}"
+            object.__setattr__(self, name, check_vector(what, getattr(self, name)))
         turned = np.cross(self.rotation, np.eye(3))
         for index, (component, number) in enumerate(zip(COMPONENTS, self.translation)):
             slope = tuple(map(float, turned[:, index]))
@@ -217,22 +236,19 @@ class ObliquePlane:
 
 
 @dataclass(frozen=True)
-class Traction:
+class Traction(Placed):
     """A force per undeformed area in x, y, z [Pa], constant or a function of the undeformed position.
 
     Raises SceneError if the value is neither three finite numbers nor a function.
     """
+
+    KIND = "the traction on"
 
     surface: str
     value: VectorValue
 
     def __post_init__(self) -> None:
         _check(self.what, self.value, 3)
-
-    @property
-    def what(self) -> str:
-        """Kind and place, for messages."""
-        return f"the traction on {self.surface!r}"
 
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Force per area (n, 3) [Pa] at points (n, 3) [m] with outward unit normals (n, 3); errors of `evaluated`."""
@@ -240,11 +256,13 @@ class Traction:
 
 
 @dataclass(frozen=True)
-class Pressure:
+class Pressure(Placed):
     """A pressure [Pa] against the undeformed outward normal, constant or a function of the undeformed position.
 
     Raises SceneError if the value is neither a finite number nor a function.
     """
+
+    KIND = "the pressure on"
 
     surface: str
     value: ScalarValue
@@ -252,18 +270,13 @@ class Pressure:
     def __post_init__(self) -> None:
         _check(self.what, self.value, 1)
 
-    @property
-    def what(self) -> str:
-        """Kind and place, for messages."""
-        return f"the pressure on {self.surface!r}"
-
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Force per area (n, 3) [Pa], as `Traction.at`."""
         return -evaluated(self.what, self.value, points, 1) * normals
 
 
 @dataclass(frozen=True)
-class BodyForce:
+class BodyForce(Placed):
     """A force per undeformed volume in x, y, z [N/m^3], such as weight, constant or a function of the position.
 
     It acts on a body with all its parts, or on the part that is named.
@@ -271,16 +284,13 @@ class BodyForce:
     Raises SceneError if the value is neither three finite numbers nor a function.
     """
 
+    KIND = "the body force on"
+
     body: str
     value: VectorValue
 
     def __post_init__(self) -> None:
         _check(self.what, self.value, 3)
-
-    @property
-    def what(self) -> str:
-        """Kind and place, for messages."""
-        return f"the body force on {self.body!r}"
 
     def at(self, points: FloatArray) -> FloatArray:
         """Force per volume (n, 3) [N/m^3] at points (n, 3) [m]; errors of `evaluated`."""

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from fx_contact.items.boundary_conditions import ScalarValue, evaluated
+from fx_contact.items.boundary_conditions import Placed, ScalarValue, evaluated
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_label, check_number, is_function, shown
@@ -24,7 +24,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class ThermalStrain:
+class ThermalStrain(Placed):
     """Isotropic thermal strain eps_0 = alpha dT I of a body with all its parts, or of a part.
 
     Raises SceneError if the part has no name, the expansion is no finite number, or the change neither that nor a
@@ -35,6 +35,8 @@ class ThermalStrain:
         change: dT, temperature less that of the stress-free state [K], constant or a function of the position.
     """
 
+    KIND = "the change of temperature of"
+
     part: str
     expansion: float
     change: ScalarValue
@@ -44,11 +46,6 @@ class ThermalStrain:
         object.__setattr__(self, "expansion", check_number(f"the expansion of {self.part!r}", self.expansion))
         if not is_function(self.what, self.change):
             check_number(self.what, self.change)
-
-    @property
-    def what(self) -> str:
-        """Kind and place, for messages."""
-        return f"the change of temperature of {self.part!r}"
 
     @property
     def value(self) -> ScalarValue:
@@ -62,7 +59,7 @@ class ThermalStrain:
 
 
 @dataclass(frozen=True)
-class InitialStrain:
+class InitialStrain(Placed):
     """A symmetric stress-free strain eps_0 of a body with all its parts, or of a part: swelling, shrinkage, misfit.
 
     Raises SceneError if the part has no name, or the value is neither a symmetric tensor nor a function.
@@ -70,6 +67,8 @@ class InitialStrain:
     Attributes:
         value: tensor (3, 3) in x, y, z [-], constant or a function of the position.
     """
+
+    KIND = "the initial strain of"
 
     part: str
     value: TensorValue
@@ -79,11 +78,6 @@ class InitialStrain:
         if not is_function(self.what, self.value):
             tensor = _symmetric(self.what, np.array([self.value], dtype=object), self.value)
             object.__setattr__(self, "value", tuple(map(tuple, tensor[0].tolist())))
-
-    @property
-    def what(self) -> str:
-        """Kind and place, for messages."""
-        return f"the initial strain of {self.part!r}"
 
     def at(self, points: FloatArray) -> FloatArray:
         """eps_0 (n, 3, 3) [-] at points (n, 3) [m].

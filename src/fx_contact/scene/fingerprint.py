@@ -65,7 +65,7 @@ def item_fields(mesh: RootMesh, item: Any, place: str | None = None) -> list[Any
         if value is None or isinstance(value, str):
             result.append(value)
         elif callable(value):
-            result.append(_digest(np.asarray(value(mesh.samples(place or values[0]).T.copy()))))
+            result.append(_digest(value(mesh.samples(place or values[0]).T.copy())))
         elif is_dataclass(value):
             result += item_fields(mesh, value, values[0])
         else:
@@ -75,6 +75,7 @@ def item_fields(mesh: RootMesh, item: Any, place: str | None = None) -> list[Any
 
 def _digest(values: Any) -> str:
     """Digest of the values of a function, rounded to 1e-9 of the largest."""
+    values = np.nan_to_num(np.asarray(values, dtype=np.float64))
     size = np.abs(values).max(initial=0.0)
     rounded = np.rint(values / size * 1e9 if size else values).astype(np.int64)
     digest = hashlib.sha256(repr(float(f"{size:.9g}")).encode() + rounded.tobytes())

@@ -85,10 +85,8 @@ class Scene(SceneItems):
             )
         for on_surface in (*self.tractions, *self.springs):
             mesh.surface(on_surface.surface)
-        for force in self.body_forces:
-            mesh.cells_of(force.body)
-        for strain in self.strains:
-            mesh.cells_of(strain.part)
+        for in_part in (*self.body_forces, *self.strains):
+            mesh.cells_of(in_part.place)
         check_units(self)
         check_springs(self)
         check_loads(self)

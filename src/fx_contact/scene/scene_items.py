@@ -90,13 +90,10 @@ class SceneItems:
     @cached_property
     def zero_loads(self) -> tuple[tuple[str, str], ...]:
         """Descriptions and places of the loads and stress-free strains that are zero at all sampling points."""
-        places = [load.surface for load in self.tractions]
-        places += [force.body for force in self.body_forces] + [strain.part for strain in self.strains]
-        loads = zip((*self.tractions, *self.body_forces, *self.strains), places)
         return tuple(
-            (load.what, place)
-            for load, place in loads
-            if not np.any(load.value(self.mesh.samples(place).T) if callable(load.value) else load.value)
+            (load.what, load.place)
+            for load in (*self.tractions, *self.body_forces, *self.strains)
+            if not np.any(load.value(self.mesh.samples(load.place).T) if callable(load.value) else load.value)
         )
 
     @cached_property

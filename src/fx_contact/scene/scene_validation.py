@@ -132,10 +132,8 @@ def check_mirrored(scene: SceneItems) -> None:
                     "contact with the mirror image is that with a RigidPlane; else name these facets once"
                 )
     for _, normal in scene.symmetry_planes if scene.symmetry > 1 else ():
-        turn, message = (
-            np.eye(3) - 2 * np.outer(normal, normal),
-            "changes in the mirror of the symmetry plane across {}",
-        )
+        turn = np.eye(3) - 2 * np.outer(normal, normal)
+        changes = f"changes in the mirror of the symmetry plane across {normal.round(6)}"
         for name, material in scene.materials.items():
             if not isinstance(material, Orthotropic):
                 continue
@@ -143,14 +141,14 @@ def check_mirrored(scene: SceneItems) -> None:
             mirrored = replace(material, axes=(tuple(one), tuple(other))).stiffness
             if np.abs(mirrored - material.stiffness).max() > _SAME * np.abs(mirrored).max():
                 raise SceneError(
-                    f"the material of {name!r} {message.format(normal.round(6))}: let one of its axes lie along this "
+                    f"the material of {name!r} {changes}: let one of its axes lie along this "
                     "normal, or model the whole"
                 )
         for strain in scene.strains:
             if not callable(strain.value):
                 (tensor,) = strain.at(np.zeros((1, 3)))
                 if np.abs(turn @ tensor @ turn - tensor).max() > _SAME * np.abs(tensor).max():
-                    raise SceneError(f"{strain.what} {message.format(normal.round(6))}: model the whole")
+                    raise SceneError(f"{strain.what} {changes}: model the whole")
 
 
 def check_strains(scene: SceneItems) -> None:
