@@ -140,17 +140,15 @@ class HexahedralMesh(Hexahedra):
 
     def outward_normals(self, facets: IntArray) -> FloatArray:
         """Mean outward unit normals (n, 3) [-] of facets (n, 2) as (root cell, local face)."""
-        normal = self._diagonals_product(facets) * hexahedron.FACE_ORIENTATION[facets[:, 1]][:, None]
+        normal = (
+            hexahedron.area_vectors(self.facet_points(facets, order=1))
+            * hexahedron.FACE_ORIENTATION[facets[:, 1]][:, None]
+        )
         return normal / np.linalg.norm(normal, axis=1)[:, None]
 
     def facet_areas(self, facets: IntArray) -> FloatArray:
         """Areas (n,) [m^2] of the quadrilaterals of the corners of facets (n, 2), along their mean plane."""
-        return np.asarray(np.linalg.norm(self._diagonals_product(facets), axis=1) / 2)
-
-    def _diagonals_product(self, facets: IntArray) -> FloatArray:
-        """Vector products (n, 3) of the diagonals of facets (n, 2), along the first tangent times the second."""
-        corners = self.facet_points(facets, order=1)
-        return np.asarray(np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0]), np.float64)
+        return np.asarray(np.linalg.norm(hexahedron.area_vectors(self.facet_points(facets, order=1)), axis=1))
 
     def evaluate(self, cells: IntArray, coordinates: FloatArray) -> FloatArray:
         """Positions (n, m^3, 3) [m] of tensor lattices in root cells (n,), x fastest.

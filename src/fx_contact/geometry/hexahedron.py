@@ -132,6 +132,11 @@ def lengths(corners: FloatArray) -> FloatArray:
     return np.stack([edges[:, EDGE_AXIS == axis].mean(axis=1) for axis in range(3)], axis=1)
 
 
+def area_vectors(corners: FloatArray) -> FloatArray:
+    """Areas times normals (n, 3) of quadrilaterals (n, 4, 3), first tangent times the second [m^2]."""
+    return np.asarray(np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0]) / 2, dtype=np.float64)
+
+
 def tensor_evaluate(functions: Sequence[FloatArray], nodal: FloatArray) -> FloatArray:
     """Values (n, m_x m_y m_z, d) of fields with nodal values (n, (p+1)^3, d) at tensor products of points.
 

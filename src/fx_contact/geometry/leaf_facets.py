@@ -96,8 +96,7 @@ class LeafFacets:
 
         The mean plane goes through the mean of the corners with this normal.
         """
-        diagonals = self.corners[:, 3] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 1]
-        return np.asarray(np.cross(*diagonals) / 2 * self.root.orientation[self.index][:, None])
+        return np.asarray(hexahedron.area_vectors(self.corners) * self.root.orientation[self.index][:, None])
 
     @property
     def mean_normal(self) -> FloatArray:

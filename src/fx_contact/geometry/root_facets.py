@@ -74,8 +74,7 @@ class RootFacets:
     @property
     def size(self) -> FloatArray:
         """(n,), root of the area of the quadrilateral of the corners, along their mean plane [m]."""
-        diagonals = self.corners[:, 3] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 1]
-        return np.asarray(np.sqrt(np.linalg.norm(np.cross(*diagonals), axis=1) / 2))
+        return np.asarray(np.sqrt(np.linalg.norm(hexahedron.area_vectors(self.corners), axis=1)))
 
     def at(self, facet: IntArray, uv: FloatArray) -> SurfacePoints:
         """Points (k, m) of facets (k,) at coordinates (k, m, 2)."""
