@@ -23,6 +23,9 @@ from fx_contact.parallel.validation import check_label, check_number, check_vect
 ScalarValue: TypeAlias = float | Callable[[FloatArray], npt.ArrayLike]
 #: Three numbers, or a function of positions (3, n) [m] that gives (3, n).
 VectorValue: TypeAlias = Sequence[float] | FloatArray | Callable[[FloatArray], npt.ArrayLike]
+#: Nine numbers, a symmetric 3 x 3 tensor, or a function of positions (3, n) [m] that gives (3, 3, n).
+TensorValue: TypeAlias = Sequence[Sequence[float]] | FloatArray | Callable[[FloatArray], npt.ArrayLike]
+Value: TypeAlias = ScalarValue | VectorValue | TensorValue
 
 COMPONENTS = "xyz"
 
@@ -95,7 +98,7 @@ class Dirichlet:
         """Displacement (n, 3) [m] at points (n, 3) [m], NaN where free; errors of `evaluated`."""
         result = np.full((len(points), 3), np.nan)
         for component, value in self._given:
-            result[:, component] = evaluated(self._what(component), value, points, 1)[:, 0]
+            result[:, component] = evaluated(self._what(component), value, points)
         return result
 
 
@@ -272,7 +275,7 @@ class Pressure(Placed):
 
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Force per area (n, 3) [Pa], as `Traction.at`."""
-        return -evaluated(self.what, self.value, points, 1) * normals
+        return -evaluated(self.what, self.value, points)[:, None] * normals
 
 
 @dataclass(frozen=True)
@@ -303,27 +306,24 @@ def _check(what: str, value: ScalarValue | VectorValue, components: int) -> None
         check_number(what, value) if components == 1 else check_vector(what, value)
 
 
-def evaluated(what: str, value: ScalarValue | VectorValue, points: FloatArray, components: int) -> FloatArray:
-    """Values (n, components) of a condition or load at points (n, 3) [m].
+def evaluated(what: str, value: Value, points: FloatArray, *shape: int) -> FloatArray:
+    """Values (n, *shape) of a condition or load at points (n, 3) [m].
 
     Raises SceneError, its message beginning with `what`, for values of another shape or not finite.
     """
     if not callable(value):
-        return np.broadcast_to(np.array(value, dtype=np.float64), (len(points), components))
-    shape = (len(points),) if components == 1 else (components, len(points))
+        return np.broadcast_to(np.array(value, dtype=np.float64), (len(points), *shape))
     if not len(points):
-        return np.empty((0, components))
+        return np.empty((0, *shape))
     filled: Any = np.ma.filled  # NumPy's stub has no annotations
-    result = np.asarray(filled(value(points.T.copy()), np.nan))
-    if result.shape != shape or result.dtype.kind not in "fiu":
+    given = np.asarray(filled(value(points.T.copy()), np.nan))
+    if given.shape != (*shape, len(points)) or given.dtype.kind not in "fiu":
         raise SceneError(
-            f"{what} is a function that must give an array of shape {shape} for points of shape {(3, len(points))}, "
-            f"got {shown(result)}"
+            f"{what} is a function that must give an array of shape {(*shape, len(points))} for points of shape "
+            f"{(3, len(points))}, got {shown(given)}"
         )
-    result = result.reshape(components, -1).T.astype(np.float64)
-    bad = ~np.isfinite(result).all(axis=1)
+    result = np.moveaxis(given, -1, 0).astype(np.float64)
+    bad = ~np.isfinite(result.reshape(len(points), -1)).all(axis=1)
     if bad.any():
-        raise SceneError(
-            f"{what} is {np.squeeze(result[bad][0])} at {points[bad][0]}: it must be finite on all of it"
-        )
+        raise SceneError(f"{what} is {result[bad][0]} at {points[bad][0]}: it must be finite on all of it")
     return result

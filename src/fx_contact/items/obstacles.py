@@ -192,12 +192,12 @@ class RigidSurface(Obstacle):
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Obstacle.distances`, also its Raises: SceneError."""
-        gap = evaluated("the gap of a rigid surface", self.gap, points, 1)
+        gap = evaluated("the gap of a rigid surface", self.gap, points)
         normal = evaluated("the normal of a rigid surface", self.normal, points, 3)
         length = np.linalg.norm(normal, axis=1)
         if (length == 0).any():
             raise SceneError(f"the normal of a rigid surface is zero at {points[length == 0][0]}")
-        return gap[:, 0], normal / length[:, None]
+        return gap, normal / length[:, None]
 
 
 def _check_radius(what: str, value: float) -> None:

@@ -4,20 +4,16 @@ Values are numbers, checked when a strain is made, or functions of positions (3,
 local.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from fx_contact.items.boundary_conditions import Placed, ScalarValue, evaluated
+from fx_contact.items.boundary_conditions import Placed, ScalarValue, TensorValue, evaluated
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_label, check_number, is_function, shown
-
-#: Nine numbers, a symmetric 3 x 3 tensor, or a function of positions (3, n) [m] that gives (3, 3, n).
-TensorValue: TypeAlias = Sequence[Sequence[float]] | FloatArray | Callable[[FloatArray], npt.ArrayLike]
 
 #: Largest asymmetry of a tensor relative to its largest component: rounding.
 _ROUNDING = 1e-9
@@ -54,8 +50,8 @@ class ThermalStrain(Placed):
 
     def at(self, points: FloatArray) -> FloatArray:
         """eps_0 (n, 3, 3) [-] at points (n, 3) [m]; errors of `evaluated`."""
-        change = evaluated(self.what, self.change, points, 1)
-        return np.asarray(self.expansion * change[:, :, None] * np.eye(3))
+        change = evaluated(self.what, self.change, points)
+        return np.asarray(self.expansion * change[:, None, None] * np.eye(3))
 
 
 @dataclass(frozen=True)
@@ -84,21 +80,7 @@ class InitialStrain(Placed):
 
         Raises SceneError, as `evaluated`, for values of another shape, not finite or not symmetric.
         """
-        if not callable(self.value):
-            return np.broadcast_to(np.array(self.value, dtype=np.float64), (len(points), 3, 3))
-        value = self.value
-
-        def rows(x: FloatArray) -> npt.ArrayLike:
-            """Nine components of the tensors, an array (9, n).  Raises SceneError for another shape."""
-            found = np.asarray(value(x))
-            if found.shape != (3, 3, x.shape[1]):
-                raise SceneError(
-                    f"{self.what} is a function that must give an array of shape {(3, 3, x.shape[1])} for points of "
-                    f"shape {x.shape}, got {shown(found)}"
-                )
-            return found.reshape(9, -1)
-
-        return _symmetric(self.what, evaluated(self.what, rows, points, 9).reshape(-1, 3, 3), value)
+        return _symmetric(self.what, evaluated(self.what, self.value, points, 3, 3), self.value)
 
 
 def _symmetric(what: str, tensors: npt.NDArray[Any], given: object) -> FloatArray:

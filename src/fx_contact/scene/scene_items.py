@@ -124,17 +124,11 @@ class SceneItems:
     def rigid_faces(self) -> tuple[RigidFace, ...]:
         """Surfaces of `rigid_loads`, with the motions that conditions allow."""
         joined = [name for contact in (*self.contact, *self.ties) for name in contact.surfaces]
-        surfaces = [load.surface for load in self.rigid_loads]
-        return tuple(
-            rigid_face(
-                self.mesh,
-                load,
-                surfaces[:index] + surfaces[index + 1 :] + joined,
-                self.prescribed(self.mesh.points),
-                self.symmetry_planes,
-            )
-            for index, load in enumerate(self.rigid_loads)
-        )
+        prescribed, faces = self.prescribed(self.mesh.points), []
+        for load in self.rigid_loads:
+            others = joined + [other.surface for other in self.rigid_loads if other is not load]
+            faces.append(rigid_face(self.mesh, load, others, prescribed, self.symmetry_planes))
+        return tuple(faces)
 
     @cached_property
     def nonmatching(self) -> dict[int, NonmatchingSurfaces]:
