@@ -28,7 +28,7 @@ from fx_contact.items.ties import Preload, Tie
 from fx_contact.items.units import Units
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.scene.held_loads import held_share, held_stiffness
-from fx_contact.scene.mirrors import Mirrors, mirrors_of, symmetry_planes
+from fx_contact.scene.mirrors import Mirrors, PlaneSurface, mirrors_of, symmetry_planes
 from fx_contact.scene.rigid_faces import RigidFace, rigid_face
 from fx_contact.surfaces.contact_surfaces import ContactSurfaces
 from fx_contact.surfaces.facet_pairing import Pairing
@@ -102,8 +102,8 @@ class SceneItems:
         return mirrors_of(self.mesh, self.dirichlet, self.symmetry)
 
     @property
-    def symmetry_planes(self) -> list[tuple[str, FloatArray]]:
-        """Surfaces on symmetry planes with their normals (3,)."""
+    def symmetry_planes(self) -> list[PlaneSurface]:
+        """Surfaces on symmetry planes."""
         return symmetry_planes(self.mesh, self.dirichlet, self.symmetry)
 
     @property

@@ -131,7 +131,7 @@ def check_mirrored(scene: SceneItems) -> None:
                     f"{condition.surface!r} has facets of the symmetry plane and of {scene.interfaces[index].label}: "
                     "contact with the mirror image is that with a RigidPlane; else name these facets once"
                 )
-    for _, normal in scene.symmetry_planes if scene.symmetry > 1 else ():
+    for normal in [plane.normal for plane in scene.symmetry_planes] if scene.symmetry > 1 else ():
         turn = np.eye(3) - 2 * np.outer(normal, normal)
         changes = f"changes in the mirror of the symmetry plane across {normal.round(6)}"
         for name, material in scene.materials.items():
