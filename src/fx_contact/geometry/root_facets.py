@@ -77,7 +77,8 @@ class RootFacets:
         return np.asarray(np.sqrt(np.linalg.norm(hexahedron.area_vectors(self.corners), axis=1)))
 
     def at(self, facet: IntArray, uv: FloatArray) -> SurfacePoints:
-        """Points (k, m) of facets (k,) at coordinates (k, m, 2)."""
+        """Points (k, m) of facets (k,) at coordinates (k, m, 2), or (m, 2) on all."""
+        uv = np.broadcast_to(uv, (len(facet), *uv.shape[-2:]))
         values = np.empty((*uv.shape[:2], 9))
         for part in self._chunks(len(facet)):
             values[part] = face_functions(self.order, uv[part]) @ self._nodal[facet[part]]
