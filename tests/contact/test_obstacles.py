@@ -39,7 +39,7 @@ from fx_contact.parallel.errors import PairingError
 from fx_contact.plot import draw_bodies, draw_mesh, plotter_for
 from fx_contact.results.contact_surface import contact_grid
 from fx_contact.results.report import model_warnings
-from fx_contact.scene.fingerprint import scene_parts
+from fx_contact.scene.fingerprint import item_fields, scene_parts
 
 MATERIAL = Material(young=1.0, poisson=0.3)
 FLOOR = RigidPlane((0.3, 0.2, 0.0), (0.0, 0.0, 2.0))
@@ -422,14 +422,16 @@ def count(x):
 @pytest.mark.parametrize("name", OBSTACLES)
 def test_every_number_of_an_obstacle_counts(name):
     """A scene with another point, radius, displacement or play is another one for a restart."""
-    pair = ContactPair("a", OBSTACLES[name])
+    mesh = root_mesh_from_shapes({"a": block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)})
+    pair = ContactPair("a top", OBSTACLES[name])
     others = [replace(pair, moved=(0, 0, 1.0)), replace(pair, clearance=1.0), replace(pair, direction=(0, 0, 1.0))]
     others.append(replace(pair, force=(0, 0, 1.0)))
     for field, value in vars(OBSTACLES[name]).items():
         changed = (value[0] + 0.5, *value[1:]) if isinstance(value, tuple) else 1.1 * value
         others.append(replace(pair, second=replace(OBSTACLES[name], **{field: changed})))
-    assert all(other.data != pair.data for other in others)
-    assert len({tuple(ContactPair("a", one).data) for one in OBSTACLES.values()}) == len(OBSTACLES)
+    assert all(item_fields(mesh, other) != item_fields(mesh, pair) for other in others)
+    pairs = [ContactPair("a top", one) for one in OBSTACLES.values()]
+    assert len({tuple(item_fields(mesh, one)) for one in pairs}) == len(OBSTACLES)
 
 
 def test_functions_of_an_obstacle_count():

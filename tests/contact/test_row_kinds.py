@@ -33,10 +33,6 @@ class Floor(Contact):
     def unit_direction(self):
         return np.array([0.0, 0.0, -1.0])
 
-    @property
-    def data(self):
-        return [self.surface, "floor", self.height]
-
 
 class FloorRows(RowKind):
     """A row for each node: n . u <= g, n downwards."""

@@ -22,6 +22,7 @@ from fx_contact import (
     Reaction,
     Scene,
     SceneError,
+    Tie,
     adapt,
     block,
     root_mesh_from_shapes,
@@ -329,6 +330,20 @@ def test_gap_at_the_rim_of_receding_layers():
     known = 4.4811e-3  # this program's at 0.5 %, 97,092 unknowns
     assert abs(first.goals[0].value / known - 1) > 0.1 and first.estimate < 0.3 and not first.reached
     assert last.reached and abs(last.goals[0].value / known - 1) < 0.02
+
+
+def test_an_item_or_its_name():
+    """Goals of a contact pair and of a condition take the object itself; a tie has none."""
+    scene, point = stack(), (0, 0, 0)
+    (pair, other), condition = scene.contact, scene.dirichlet[0]
+    assert ContactForce(pair, 0.1) == ContactForce(pair.name, 0.1)
+    assert Gap(other, point, 0.1) == Gap(other.name, point, 0.1)
+    assert MaxPressure(pair, 0.1) == MaxPressure(pair.name, 0.1)
+    assert Reaction(condition, 0.1) == Reaction(condition.where, 0.1)
+    for goal in (ContactForce(pair, 0.1), Reaction(condition, 0.1)):
+        goal.check(scene)
+    with pytest.raises(SceneError, match="unknown contact pair 'a tied to b'"):
+        ContactForce(Tie("a", "b"), 0.1).check(scene)
 
 
 def test_no_goals_no_record():

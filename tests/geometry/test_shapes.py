@@ -253,7 +253,11 @@ CUBE = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)
             "bodies must be a dict of at least one name and Shape",
         ),
         (lambda: root_mesh_from_shapes({"a": CUBE}, ["x"]), SceneError, "surfaces must be a dict by name, got ['x']"),
-        (lambda: root_mesh_from_shapes({"a": CUBE}, {"x": 3}), SceneError, "the sides of surface 'x' must be a list"),
+        (
+            lambda: root_mesh_from_shapes({"a": CUBE}, {"x": 3}),
+            SceneError,
+            "the sides of surface 'x' must be a tuple of str",
+        ),
         (lambda: root_mesh_from_shapes({"a": CUBE}, curves={"c": ("b", None)}), SceneError, "unknown body 'b'"),
         (lambda: root_mesh_from_shapes({"a": extrude(CUBE, "top", (1, 0, 0), 1)}), GeometryError, "degenerate"),
     ],

@@ -215,6 +215,6 @@ def test_other_errors():
     with pytest.raises(SceneError, match="'plate coating' is 1e[+]16 times as stiff as 'plate'"):
         Scene("a", mesh, {"plate": Material(1e-3, 0.3), "plate coating": Material(1e13, 0.3)}, planes)
     assert scene_parts(Scene("a", mesh, both, planes))["materials"] == {
-        "plate": [1.0, 0.3],
-        "plate coating": [4.0, 0.2],
+        "plate": ["Material", 1.0, 0.3],
+        "plate coating": ["Material", 4.0, 0.2],
     }

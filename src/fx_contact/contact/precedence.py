@@ -27,17 +27,15 @@ class Precedence:
     """
 
     def __init__(self, scene: Scene, prolongation: Prolongation, index: int) -> None:
-        across, contacts, apart = prolongation.zeros(9), len(scene.contact), scene.pairing.nonmatching
-        every = np.arange(len(scene.interfaces))
-        rank = every + len(every) * (every < contacts)
-        before = (every != index) & ((rank < rank[index]) | ~np.isin(every, list(apart)))
-        ties = before & (every >= contacts)
+        across, ties, every = prolongation.zeros(9), scene.couplings[:-1], np.arange(len(scene.interfaces))
+        rank = np.where(ties, every, every + len(every))
+        before = (every != index) & ((rank < rank[index]) | ~np.isin(every, list(scene.pairing.nonmatching)))
         for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
             across[nodes] += condition.across.ravel()
-        here = _on_surfaces(prolongation, lambda contact, _: ties[contact])[0]
+        here = _on_surfaces(prolongation, lambda contact, _: (before & ties)[contact])[0]
         across[here[here >= 0]] += np.eye(3).ravel()
         across = prolongation.ghosted(prolongation.summed(across)).reshape(-1, 3, 3)
-        for other in np.flatnonzero(before[:contacts] * (index < contacts)):
+        for other in np.flatnonzero(before & ~ties & ~ties[index]):
             normal = mean_normals(prolongation, other)
             across += normal[:, :, None] * normal[:, None]
         self.held, some = np.zeros_like(across), np.flatnonzero(across.any(axis=(1, 2)))
@@ -74,5 +72,4 @@ def _on_surfaces(
     )
     some = wanted(contact, side)
     leaf, face = leaf[some], face[some]
-    facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
-    return prolongation.conforming[space.on_faces(leaf, face)], facets
+    return prolongation.conforming[space.on_faces(leaf, face)], forest.facets(leaf, face)

@@ -83,7 +83,7 @@ def create_rows(
     Raises:
         SceneError: a contact of an unknown type, or a node_stiffness beyond the factors `SOFTEST` and `STIFFEST`.
     """
-    kinds, contacts, known = kinds_of(scene), len(scene.contact), known or {}
+    kinds, known = kinds_of(scene), known or {}
     of_kind = [known.get(kind.index) or _columns(kind, prolongation, enforcement) for kind in kinds]
     parts = [part for columns in of_kind for part in columns]
     of = np.repeat(np.arange(len(kinds), dtype=np.int32), [len(columns) for columns in of_kind])
@@ -120,7 +120,7 @@ def create_rows(
             f"bodies, it must be {SOFTEST:g} to {STIFFEST:g} times: softer ones let bodies through each other, the "
             "penetrations of stiffer ones are rounding; the enforcement 'exact' needs none"
         )
-    rows = _with_clearance(rows if contacts < 2 else _sharing(rows, across, enforcement.node_stiffness))
+    rows = _with_clearance(rows if len(scene.contact) < 2 else _sharing(rows, across, enforcement.node_stiffness))
     return _with_tangents(rows) if any(kind.contact.tangential is not None for kind in kinds) else rows
 
 

@@ -15,6 +15,7 @@ from fx_contact.fem.dirichlet import held_nodes, shared_forces
 from fx_contact.geometry.point_location import root_cells_at
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.boundary_conditions import Dirichlet
+from fx_contact.items.contact import Contact
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_direction, check_name, check_tolerance, check_vector, shown
@@ -58,18 +59,27 @@ class Quantity(ABC):
 
 
 class OfPair(Quantity):
-    """A quantity of a contact pair."""
+    """A quantity of a contact pair, given by itself or by its name, which is what remains."""
 
-    pair: str
+    pair: str | Contact
+
+    def __post_init__(self) -> None:
+        if isinstance(self.pair, Contact):
+            object.__setattr__(self, "pair", self.pair.name)
+        super().__post_init__()
 
     def check(self, scene: Scene) -> None:
         """As `Quantity.check`.  Local.  Raises SceneError: no such contact pair."""
         check_name("contact pair", self.pair, [pair.name for pair in scene.contact])
 
+    def contact(self, scene: Scene) -> Contact:
+        """The contact pair.  Local."""
+        return next(pair for pair in scene.contact if pair.name == self.pair)
+
     def rows(self, state: SolvedState) -> tuple[ConstraintRows, BoolArray]:
         """All rows, and those of the contact pair as a mask (n,).  Local."""
         assert state.rows is not None
-        index = [pair.name for pair in state.scene.contact].index(self.pair)
+        index = [interface.name for interface in state.scene.interfaces].index(self.contact(state.scene).name)
         return state.rows, np.asarray(state.rows.contact == index)
 
 
@@ -81,11 +91,11 @@ class ContactForce(OfPair):
     error of the distance in `StepRecord.motions` times the stiffness.
 
     Attributes:
-        pair: `ContactPair.name`, "first on second".
+        pair: of the scene, or its name, "first on second".
         tolerance: allowed error relative to the force [-].
     """
 
-    pair: str
+    pair: str | Contact
     tolerance: float
 
     @property
@@ -99,7 +109,7 @@ class ContactForce(OfPair):
         whole = scene.symmetry * np.where(ours, rows.force_components(np.ones(len(ours))), 0.0)
         share = np.where(state.solution.active, whole, 0.0)
         value = state.forest.comm.allreduce(float(share @ state.solution.force))
-        fixed = any(pair.name == self.pair and pair.force is not None for pair in scene.contact)
+        fixed = self.contact(scene).force is not None
         return Functional(value, abs(value), penetration=share, fixed=fixed, beyond=whole)
 
 
@@ -108,7 +118,7 @@ class Gap(OfPair):
     """The gap left at a node pair, along the normal; 0 where it is closed.
 
     Attributes:
-        pair: `ContactPair.name`, "first on second".
+        pair: of the scene, or its name, "first on second".
         point: (3,), near the node pair, undeformed, on the first surface [m].
         tolerance: allowed error relative to the gap [-].
 
@@ -116,7 +126,7 @@ class Gap(OfPair):
         SceneError: a tolerance as of `Quantity`, or a point that is not three numbers.
     """
 
-    pair: str
+    pair: str | Contact
     point: tuple[float, float, float]
     tolerance: float
 
@@ -132,7 +142,7 @@ class Gap(OfPair):
     def check(self, scene: Scene) -> None:
         """As `Quantity.check`.  Raises SceneError also for a point farther from all corners than a facet is large."""
         super().check(scene)
-        pair = next(pair for pair in scene.contact if pair.name == self.pair)
+        pair = self.contact(scene)
         corners = scene.mesh.facet_points(scene.mesh.surface(pair.surfaces[0]), order=1)
         nearest = np.linalg.norm(corners - np.array(self.point), axis=2).min()
         largest = np.linalg.norm(np.ptp(corners, axis=1), axis=1).max()
@@ -158,11 +168,11 @@ class MaxPressure(OfPair):
     rest by the change of the nodal pressures by D^-1 M (`contact.pressure`).  At sharp edges the pressure is infinite.
 
     Attributes:
-        pair: `ContactPair.name`, "first on second".
+        pair: of the scene, or its name, "first on second".
         tolerance: allowed error relative to the pressure [-].
     """
 
-    pair: str
+    pair: str | Contact
     tolerance: float
 
     @property
@@ -254,7 +264,7 @@ class Reaction(Quantity):
     """The reaction of a condition on the bodies, in a direction, as in `StepRecord.resultants`.
 
     Attributes:
-        where: `Dirichlet.where` of the condition.
+        where: the condition, or its place; all conditions there act together.
         tolerance: allowed error relative to the length of the reaction [-].
         direction: (3,), of any length; None: that of the only prescribed component.
 
@@ -262,11 +272,13 @@ class Reaction(Quantity):
         SceneError: a tolerance as of `Quantity`, or the direction not three numbers or zero.
     """
 
-    where: str
+    where: str | Dirichlet
     tolerance: float
     direction: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.where, Dirichlet):
+            object.__setattr__(self, "where", self.where.where)
         super().__post_init__()
         if self.direction is not None:
             _set_vectors(self, direction=self.direction)

@@ -98,7 +98,7 @@ class Elasticity(NodalSpaces):
             self._projection = VolumeProjection(
                 self.space_of(3, discontinuous=True), prolongation.space.degree, self._compiled
             )
-        self._stress_free = None if stress_free is None else self._of_nodes(stress_free)
+        self._stress_free = None if stress_free is None else self.of_cells(stress_free)
         self.argument = self.blank()
         self._integrals: dict[str, Integral] = {}
 
@@ -139,12 +139,6 @@ class Elasticity(NodalSpaces):
             moments = self._integral("moments", ufl.inner(ufl.TestFunction(self._projection.space), of)).vector(field)
             field.projected.x.array[:] = self._projection.projected(moments)
         return field
-
-    def _of_nodes(self, tensors: FloatArray) -> fem.Function:
-        """The tensor field, discontinuous, of values (ncells, (p+1)^3, 3, 3) at the nodes of `cells`."""
-        function = fem.Function(self.space_of(3, 3, discontinuous=True))
-        function.x.array.reshape(-1, 3, 3)[function.function_space.dofmap.list] = tensors[:, self.order]
-        return function
 
     def on(self, prolongation: Prolongation) -> Elasticity:
         """Elasticity of the same bodies with displacements of another degree, on the same forest.  Collective."""

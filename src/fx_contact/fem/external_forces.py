@@ -11,6 +11,7 @@ from dolfinx import fem
 
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_quadrature import faces_on, gauss_rule, integrands, shape_functions
+from fx_contact.fem.nodal_strain import sum_at_nodes
 from fx_contact.forest.forest import Forest
 from fx_contact.items.boundary_conditions import BodyForce, Pressure, Traction
 from fx_contact.parallel.arrays import FloatArray, IntArray
@@ -85,17 +86,8 @@ def body_force(scene: Scene, elasticity: Elasticity) -> fem.Function | None:
     """
     if not scene.body_forces:
         return None
-    space, nodes = elasticity.prolongation.space, elasticity.cells[:, elasticity.order]
-    root, density = space.forest.cell[elasticity.leaf_mesh.leaf], np.zeros((*nodes.shape, 3))
-    with together(space.forest.comm):
-        for force in scene.body_forces:
-            cells, nodal = np.isin(root, scene.mesh.cells_of(force.body)), np.zeros((len(space), 3))
-            on = np.isin(np.arange(len(space)), nodes[cells])
-            nodal[on] = force.at(space.positions(on))
-            density[cells] += nodal[nodes[cells]]
-    function = fem.Function(elasticity.space_of(3, discontinuous=True))
-    function.x.array.reshape(-1, 3)[function.function_space.dofmap.list] = density
-    return function
+    space = elasticity.prolongation.space
+    return elasticity.of_cells(sum_at_nodes(scene.body_forces, space, elasticity.leaf_mesh, (3,)))
 
 
 def _loads(scene: Scene) -> tuple[_Load, ...]:

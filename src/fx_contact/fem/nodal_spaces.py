@@ -44,6 +44,13 @@ class NodalSpaces:
             self._spaces[shape, discontinuous] = fem.functionspace(self.mesh, element)
         return self._spaces[shape, discontinuous]
 
+    def of_cells(self, values: FloatArray) -> fem.Function:
+        """The discontinuous Function with values (ncells, (p+1)^3, ...) at the nodes of `cells`.  Collective."""
+        shape = values.shape[2:]
+        function = fem.Function(self.space_of(*shape, discontinuous=True))
+        function.x.array.reshape(-1, *shape)[function.function_space.dofmap.list] = values[:, self.order]
+        return function
+
     def at_blocks(self, values: FloatArray) -> FloatArray:
         """Array (nblocks * k,) of a Function of a nodal space, of values (m, k) at all nodes.  Local."""
         return values[self.node_of_block].ravel()

@@ -9,7 +9,6 @@ import numpy as np
 from fx_contact.forest.leaves import Leaves
 from fx_contact.geometry.lattice import SIDE
 from fx_contact.geometry.leaf_facets import LeafFacets
-from fx_contact.geometry.root_facets import SurfacePoints
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array
 from fx_contact.parallel.box_search import Boxes, meeting_boxes
 from fx_contact.parallel.mpi import Directory
@@ -53,12 +52,12 @@ class FacingFacets:
     def of(cls, leaves: Leaves, surfaces: NonmatchingSurfaces) -> Self:
         """Leaf facets of a rank that face each other.  Collective on leaves.comm."""
         leaf, face = leaves.boundary_faces(surfaces.first.facets)
-        first = _leaf_facets(leaves, leaf, face)
+        first = leaves.facets(leaf, face)
         samples = _Faced(surfaces, first)
         mine, my_face = leaves.boundary_faces(surfaces.second.facets)
         rank = np.full(len(mine), leaves.comm.rank)
         names = np.column_stack([leaves.cell[mine], leaves.level[mine], my_face, leaves.anchor[mine], rank])
-        boxes = _around(_points(_leaf_facets(leaves, mine, my_face)).position)
+        boxes = _around(leaves.facets(mine, my_face).at(SAMPLES).position)
         asked, name = meeting_boxes(leaves.comm, samples.boxes, boxes, names.astype(np.int64))
         name, number = np.unique(name, axis=0, return_inverse=True)
         cell, level, anchor = name[:, 0].astype(np.int32), name[:, 1].astype(np.int8), name[:, 3:6].astype(np.int32)
@@ -100,7 +99,7 @@ class _Faced:
 
     def __init__(self, surfaces: NonmatchingSurfaces, first: LeafFacets) -> None:
         self._surfaces = surfaces
-        at = _points(first)
+        at = first.at(SAMPLES)
         normal = surfaces.directions(at.normal)
         found = surfaces.faced(at.position.reshape(-1, 3), normal.reshape(-1, 3))
         self._facet = found.facet.reshape(at.position.shape[:2])
@@ -125,15 +124,6 @@ class _Faced:
         place = SIDE * self._uv[one] - second.low[two, None]
         inside = ((place >= 0) & (place <= second.side[two, None, None])).all(axis=2)
         return np.asarray((same & inside).any(axis=1))
-
-
-def _leaf_facets(leaves: Leaves, leaf: Int64Array, face: Int64Array) -> LeafFacets:
-    return LeafFacets.of_leaves(leaves.mesh, leaves.cell[leaf], leaves.level[leaf], leaves.anchor[leaf], face)
-
-
-def _points(facets: LeafFacets) -> SurfacePoints:
-    """Samples (n, 16) of facets."""
-    return facets.at(np.broadcast_to(SAMPLES, (len(facets), *SAMPLES.shape)))
 
 
 def _around(points: FloatArray) -> Boxes:

@@ -13,6 +13,7 @@ from fx_contact.forest.homes import Homes
 from fx_contact.forest.lattice_points import LatticePoints
 from fx_contact.geometry import lattice
 from fx_contact.geometry.lattice import SIDE, Lattice
+from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.exchange import few
@@ -107,6 +108,10 @@ class Leaves:
     def paired_faces(self) -> tuple[Int64Array, Int64Array]:
         """Leaves (m,) and their local faces (m,) that have a partner.  Local."""
         return self.pairing.faces(self.cell, self.level, self.anchor)
+
+    def facets(self, leaf: Int64Array, face: Int64Array) -> LeafFacets:
+        """Local faces (m,) of leaves (m,).  Local."""
+        return LeafFacets.of_leaves(self.mesh, self.cell[leaf], self.level[leaf], self.anchor[leaf], face)
 
     def stands_on(self, pairing: Pairing, contact_surfaces: ContactSurfaces) -> bool:
         """True if the contact surfaces and partners of the forest are these, of the same root mesh.  Local."""

@@ -23,7 +23,6 @@ from fx_contact.forest import space_filling_curve
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.leaf_graph import Graph, create_leaf_graph
 from fx_contact.geometry.lattice import anchors_on_faces
-from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.parallel import compat
 from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import PartitionError
@@ -43,8 +42,7 @@ def curve_keys(forest: Forest, pairs: bool = True) -> Int64Array:
     cell, anchor = decode_leaf(names)
     for facets in forest.contact_surfaces.nonmatching.values() if pairs else ():
         leaf, face = forest.boundary_faces(facets.second.facets)
-        second = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
-        found, (place, uv) = facets.faced_by(second)
+        found, (place, uv) = facets.faced_by(forest.facets(leaf, face))
         units = of_leaf[leaf[found]]
         cell[units], anchor[units] = place[:, 0], anchors_on_faces(place[:, 1], uv)
     return space_filling_curve.RootCurve(forest.mesh).keys(cell, anchor)[of_leaf]

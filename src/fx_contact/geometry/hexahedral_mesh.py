@@ -23,11 +23,42 @@ _SAMPLES = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HexahedralMesh:
-    """Curved hexahedra of order 1 to 6, and names of them, which `RootMesh` describes and checks."""
+class Hexahedra:
+    """Curved hexahedra: points (npoints, 3), and nodes of cells (ncells, (p+1)^3) in tensor order, x fastest."""
 
     points: FloatArray
     cells: Int64Array
+
+    @cached_property
+    def order(self) -> int:
+        """Polynomial order p of the cell maps."""
+        return hexahedron.order_of(self.cells.shape[1])
+
+    @cached_property
+    def corners(self) -> Int64Array:
+        """(ncells, 8), nodes at the cell corners, tensor order."""
+        return self.cells[:, hexahedron.corner_nodes(self.order)]
+
+    @cached_property
+    def faces(self) -> Int64Array:
+        """(ncells, 6), number of each local face in the mesh."""
+        corners = np.sort(self.corners[:, hexahedron.FACE_CORNERS], axis=2).reshape(-1, 4)
+        return np.unique(corners, axis=0, return_inverse=True)[1].reshape(-1, 6)
+
+    @cached_property
+    def face_neighbours(self) -> Int64Array:
+        """(ncells, 6), number of cells that share each local face (1: exterior)."""
+        return np.bincount(self.faces.ravel())[self.faces]
+
+    def facet_nodes(self, facets: IntArray) -> Int64Array:
+        """Nodes (n, (p+1)^2), first tangent fastest, of facets (n, 2) as (cell, local face)."""
+        return self.cells[facets[:, :1], hexahedron.face_nodes(self.order)[facets[:, 1]]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HexahedralMesh(Hexahedra):
+    """Curved hexahedra of order 1 to 6, and names of them, which `RootMesh` describes and checks."""
+
     bodies: tuple[str, ...]
     body: Int32Array
     surfaces: Mapping[str, Int32Array] = field(default_factory=dict)
@@ -60,31 +91,10 @@ class HexahedralMesh:
         return part
 
     @cached_property
-    def order(self) -> int:
-        """Polynomial order p of the cell maps."""
-        return hexahedron.order_of(self.cells.shape[1])
-
-    @cached_property
-    def corners(self) -> Int64Array:
-        """(ncells, 8), nodes at the cell corners, tensor order."""
-        return self.cells[:, hexahedron.corner_nodes(self.order)]
-
-    @cached_property
     def edges(self) -> Int64Array:
         """(ncells, 12), number of each local edge in the mesh."""
         ends = np.sort(self.corners[:, hexahedron.EDGE_CORNERS], axis=2).reshape(-1, 2)
         return np.unique(ends, axis=0, return_inverse=True)[1].reshape(-1, 12)
-
-    @cached_property
-    def faces(self) -> Int64Array:
-        """(ncells, 6), number of each local face in the mesh."""
-        corners = np.sort(self.corners[:, hexahedron.FACE_CORNERS], axis=2).reshape(-1, 4)
-        return np.unique(corners, axis=0, return_inverse=True)[1].reshape(-1, 6)
-
-    @cached_property
-    def face_neighbours(self) -> Int64Array:
-        """(ncells, 6), number of cells that share each local face (1: exterior)."""
-        return np.bincount(self.faces.ravel())[self.faces]
 
     def cells_of(self, name: str) -> Int64Array:
         """Cells (n,) of a body with its parts, or of a part.  Raises SceneError if there is no such body or part."""
@@ -130,17 +140,15 @@ class HexahedralMesh:
 
     def outward_normals(self, facets: IntArray) -> FloatArray:
         """Mean outward unit normals (n, 3) [-] of facets (n, 2) as (root cell, local face)."""
-        normal = self._diagonals_product(facets) * hexahedron.FACE_ORIENTATION[facets[:, 1]][:, None]
+        normal = (
+            hexahedron.area_vectors(self.facet_points(facets, order=1))
+            * hexahedron.FACE_ORIENTATION[facets[:, 1]][:, None]
+        )
         return normal / np.linalg.norm(normal, axis=1)[:, None]
 
     def facet_areas(self, facets: IntArray) -> FloatArray:
         """Areas (n,) [m^2] of the quadrilaterals of the corners of facets (n, 2), along their mean plane."""
-        return np.asarray(np.linalg.norm(self._diagonals_product(facets), axis=1) / 2)
-
-    def _diagonals_product(self, facets: IntArray) -> FloatArray:
-        """Vector products (n, 3) of the diagonals of facets (n, 2), along the first tangent times the second."""
-        corners = self.facet_points(facets, order=1)
-        return np.asarray(np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0]), np.float64)
+        return np.asarray(np.linalg.norm(hexahedron.area_vectors(self.facet_points(facets, order=1)), axis=1))
 
     def evaluate(self, cells: IntArray, coordinates: FloatArray) -> FloatArray:
         """Positions (n, m^3, 3) [m] of tensor lattices in root cells (n,), x fastest.

@@ -23,6 +23,8 @@ CORNERS: Int64Array = np.asarray(basix.geometry(basix.CellType.hexahedron)).asty
 FACE_CORNERS = np.array(_faces)
 FACE_AXIS = np.ptp(CORNERS[FACE_CORNERS], axis=1).argmin(axis=1)
 FACE_SIDE = CORNERS[FACE_CORNERS[:, 0], FACE_AXIS]
+#: Local face on the low and the high side of each axis: (3, 2).
+FACES = np.lexsort((FACE_SIDE, FACE_AXIS)).reshape(3, 2)
 FACE_TANGENTS = np.array([[b for b in range(3) if b != axis] for axis in FACE_AXIS])
 
 #: +1 where the first tangent times the second points out of the cell, else -1.
@@ -128,6 +130,11 @@ def lengths(corners: FloatArray) -> FloatArray:
     ends = corners[:, EDGE_CORNERS]
     edges = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
     return np.stack([edges[:, EDGE_AXIS == axis].mean(axis=1) for axis in range(3)], axis=1)
+
+
+def area_vectors(corners: FloatArray) -> FloatArray:
+    """Areas times normals (n, 3) of quadrilaterals (n, 4, 3), first tangent times the second [m^2]."""
+    return np.asarray(np.cross(corners[:, 1] - corners[:, 2], corners[:, 3] - corners[:, 0]) / 2, dtype=np.float64)
 
 
 def tensor_evaluate(functions: Sequence[FloatArray], nodal: FloatArray) -> FloatArray:

@@ -67,7 +67,7 @@ class LeafFacets:
         return np.asarray(self.root.facets[self.index, 1])
 
     def at(self, uv: FloatArray) -> SurfacePoints:
-        """Points (n, m) at coordinates (n, m, 2), with derivatives by the coordinates of the leaf facets."""
+        """Points (n, m) at coordinates (n, m, 2), or (m, 2) on all; derivatives are by those of the leaf facets."""
         points, part = self.root.at(self.index, self._in_root(uv)), (self.side / SIDE)[:, None, None]
         return SurfacePoints(points.position, points.first * part, points.second * part, points.outward * part * part)
 
@@ -88,7 +88,7 @@ class LeafFacets:
     @cached_property
     def corners(self) -> FloatArray:
         """(n, 4, 3), positions of the corners, first tangent fastest [m]."""
-        return self.at(np.broadcast_to(CORNERS, (len(self), 4, 2))).position
+        return self.at(CORNERS).position
 
     @cached_property
     def mean_outward(self) -> FloatArray:
@@ -96,8 +96,7 @@ class LeafFacets:
 
         The mean plane goes through the mean of the corners with this normal.
         """
-        diagonals = self.corners[:, 3] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 1]
-        return np.asarray(np.cross(*diagonals) / 2 * self.root.orientation[self.index][:, None])
+        return np.asarray(hexahedron.area_vectors(self.corners) * self.root.orientation[self.index][:, None])
 
     @property
     def mean_normal(self) -> FloatArray:

@@ -41,23 +41,18 @@ class RigidMotions:
         self._mesh = mesh
         body = np.zeros(len(mesh.points), dtype=np.int64)
         body[mesh.corners] = mesh.body[:, None]
-        rows: list[FloatArray] = [np.zeros((1, 6 * len(mesh.bodies)))]
-        values: list[FloatArray] = [np.zeros(1)]
+        held: list[tuple[FloatArray, IntArray, FloatArray, FloatArray]] = []
         for component in range(3):
             there = np.flatnonzero(~np.isnan(prescribed[:, component]))
-            rows.append(self.along(mesh.points[there], body[there], np.eye(3)[component]))
-            values.append(prescribed[there, component])
-        for nodes, normal in planes:
-            rows.append(self.along(mesh.points[nodes], body[nodes], normal))
-            values.append(np.zeros(len(nodes)))
-        for points, bodies, directions in springs:
-            rows.append(self.along(points, bodies, directions))
-            values.append(np.zeros(len(points)))
-        constraints = np.concatenate(rows)
+            held.append((mesh.points[there], body[there], np.eye(3)[component], prescribed[there, component]))
+        held += [(mesh.points[nodes], body[nodes], normal, np.zeros(len(nodes))) for nodes, normal in planes]
+        held += [(points, bodies, along, np.zeros(len(points))) for points, bodies, along in springs]
+        constraints = np.concatenate([self.along(points, bodies, along) for points, bodies, along, _ in held])
+        values = np.concatenate([value for *_, value in held])
         _, strength, motions = np.linalg.svd(constraints.T @ constraints)
         free = strength <= _ROUNDING * max(strength[0], 1e-300)
         fixed = motions[~free]
-        motion = ((fixed @ (constraints.T @ np.concatenate(values))) / strength[~free]) @ fixed
+        motion = ((fixed @ (constraints.T @ values)) / strength[~free]) @ fixed
         self.free = motions[free].reshape(-1, len(mesh.bodies), 6)
         self.prescribed = motion.reshape(-1, 6)
 

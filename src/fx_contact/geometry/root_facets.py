@@ -61,8 +61,7 @@ class RootFacets:
         self.facets, self.order = facets, mesh.order
         self.orientation: Int64Array = hexahedron.FACE_ORIENTATION[facets[:, 1]]
         n = self.order + 1
-        nodes = mesh.cells[facets[:, :1], hexahedron.face_nodes(self.order)[facets[:, 1]]]
-        x = mesh.points[nodes].reshape(len(facets), n, n, 3)
+        x = mesh.points[mesh.facet_nodes(facets)].reshape(len(facets), n, n, 3)
         slope = hexahedron.lagrange_derivative(self.order, np.arange(n) / self.order)
         nodal = np.concatenate([x, slope @ x, np.einsum("ij,fjud->fiud", slope, x)], axis=3)
         self._nodal = nodal.reshape(len(facets), n * n, 9)
@@ -75,11 +74,11 @@ class RootFacets:
     @property
     def size(self) -> FloatArray:
         """(n,), root of the area of the quadrilateral of the corners, along their mean plane [m]."""
-        diagonals = self.corners[:, 3] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 1]
-        return np.asarray(np.sqrt(np.linalg.norm(np.cross(*diagonals), axis=1) / 2))
+        return np.asarray(np.sqrt(np.linalg.norm(hexahedron.area_vectors(self.corners), axis=1)))
 
     def at(self, facet: IntArray, uv: FloatArray) -> SurfacePoints:
-        """Points (k, m) of facets (k,) at coordinates (k, m, 2)."""
+        """Points (k, m) of facets (k,) at coordinates (k, m, 2), or (m, 2) on all."""
+        uv = np.broadcast_to(uv, (len(facet), *uv.shape[-2:]))
         values = np.empty((*uv.shape[:2], 9))
         for part in self._chunks(len(facet)):
             values[part] = face_functions(self.order, uv[part]) @ self._nodal[facet[part]]

@@ -6,7 +6,7 @@ array (3, n) of points.  All is local: every rank makes the same shapes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -18,13 +18,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fx_contact.geometry import hexahedron
+from fx_contact.geometry.hexahedral_mesh import Hexahedra
 from fx_contact.geometry.root_mesh import RootMesh
-from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.validation import (
     as_tuple,
     check_degrees,
-    check_kinds,
     check_label,
     check_name,
     check_number,
@@ -45,7 +45,7 @@ _SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(Hexahedra):
     """Hexahedra of one order with named sides; validated by `root_mesh_from_shapes`.
 
     Attributes:
@@ -55,23 +55,13 @@ class Shape:
         parts: name -> (n,), cells of a part, which may have a material of its own.
     """
 
-    points: FloatArray
-    cells: Int64Array
     sides: dict[str, Int32Array] = field(default_factory=dict)
     parts: dict[str, Int64Array] = field(default_factory=dict)
 
     @cached_property
-    def order(self) -> int:
-        """Polynomial order p of the cell maps."""
-        return hexahedron.order_of(self.cells.shape[1])
-
-    @cached_property
     def boundary(self) -> Int32Array:
         """(n, 2), all facets (cell, local face) of the boundary."""
-        corners = self.cells[:, hexahedron.corner_nodes(self.order)][:, hexahedron.FACE_CORNERS]
-        number = np.unique(np.sort(corners, axis=2).reshape(-1, 4), axis=0, return_inverse=True)[1].ravel()
-        alone = np.bincount(number)[number] == 1
-        return np.argwhere(alone.reshape(-1, 6)).astype(np.int32)
+        return np.argwhere(self.face_neighbours == 1).astype(np.int32)
 
     def side(self, name: str) -> Int32Array:
         """(n, 2), facets (cell, local face) of a side.  Raises SceneError if there is no side of that name."""
@@ -135,17 +125,13 @@ class Shape:
         check_name("axis", axis, AXES)
         nodes = hexahedron.grid_points(self.order) @ [-1, self.order + 1, (self.order + 1) ** 2] + self.order
         faces = np.arange(6)
-        faces[hexahedron.FACE_AXIS == 0] = faces[hexahedron.FACE_AXIS == 0][::-1]
+        faces[hexahedron.FACES[0]] = hexahedron.FACES[0, ::-1]
         return replace(
             self,
             points=self.points * np.where(np.arange(3) == AXES.index(axis), -1.0, 1.0),
             cells=self.cells[:, nodes],  # reversed along x, since a reflection inverts cells
             sides={name: np.stack([rows[:, 0], faces[rows[:, 1]]], axis=1) for name, rows in self.sides.items()},
         )
-
-    def facet_nodes(self, rows: IntArray) -> Int64Array:
-        """Nodes (n, (p+1)^2), first tangent fastest, of facets (n, 2) as (cell, local face)."""
-        return self.cells[rows[:, :1], hexahedron.face_nodes(self.order)[rows[:, 1]]]
 
 
 def join(*shapes: Shape | Sequence[Shape]) -> Shape:
@@ -157,30 +143,34 @@ def join(*shapes: Shape | Sequence[Shape]) -> Shape:
     pieces = as_tuple("what is joined", shapes[0] if len(shapes) == 1 else shapes, Shape)
     if len({shape.order for shape in pieces}) != 1:
         raise GeometryError(f"shapes of one order can be joined, got orders {[shape.order for shape in pieces]}")
-    points, cells, first = _concatenated(pieces)
-    near = cKDTree(points).query_pairs(_SAME * np.ptp(points, axis=0).max(), output_type="ndarray")
-    graph = coo_matrix((np.ones(len(near)), near.T), shape=(len(points),) * 2)
+    beside = _side_by_side([("", shape) for shape in pieces])
+    near = cKDTree(beside.points).query_pairs(_SAME * np.ptp(beside.points, axis=0).max(), output_type="ndarray")
+    graph = coo_matrix((np.ones(len(near)), near.T), shape=(len(beside.points),) * 2)
     _, place = connected_components(graph, directed=False)
     _, kept = np.unique(place, return_index=True)
-    whole = Shape(points[kept], place[cells].astype(np.int64))
-    names = dict.fromkeys(name for shape in pieces for name in shape.sides)
-    outside, sides = whole.boundary @ [6, 1], {}
-    for name in names:
-        every = [shape.sides[name] + [start, 0] for shape, start in zip(pieces, first) if name in shape.sides]
-        rows = np.concatenate(every).astype(np.int32)
-        sides[name] = rows[np.isin(rows @ [6, 1], outside)]
-    return replace(
-        whole, sides={name: rows for name, rows in sides.items() if len(rows)}, parts=_parts(pieces, first)
-    )
+    whole = replace(beside, points=beside.points[kept], cells=place[beside.cells].astype(np.int64))
+    outside = whole.boundary @ [6, 1]
+    sides = {name: rows[np.isin(rows @ [6, 1], outside)] for name, rows in whole.sides.items()}
+    return replace(whole, sides={name: rows for name, rows in sides.items() if len(rows)})
 
 
-def _parts(shapes: Sequence[Shape], first: Int64Array) -> dict[str, Int64Array]:
-    """Cells of the parts of shapes with the numbers of their first cells; those of one name are united."""
-    cells: dict[str, list[Int64Array]] = {}
-    for shape, start in zip(shapes, first):
+def _side_by_side(shapes: Sequence[tuple[str, Shape]]) -> Shape:
+    """Shapes, whose sides and parts have a prefix, as one that does not hold together; those of one name are united."""
+    cells, sides, parts = [], dict[str, list[Int32Array]](), dict[str, list[Int64Array]]()
+    node = cell = 0
+    for prefix, shape in shapes:
+        for name, facets in shape.sides.items():
+            sides.setdefault(prefix + name, []).append(facets + np.array([cell, 0], np.int32))
         for name, rows in shape.parts.items():
-            cells.setdefault(name, []).append(rows + start)
-    return {name: np.concatenate(rows) for name, rows in cells.items()}
+            parts.setdefault(prefix + name, []).append(rows + cell)
+        cells.append(shape.cells + node)
+        node, cell = node + len(shape.points), cell + len(shape.cells)
+    return Shape(
+        np.concatenate([shape.points for _, shape in shapes]),
+        np.concatenate(cells),
+        {name: np.concatenate(every) for name, every in sides.items()},
+        {name: np.concatenate(each) for name, each in parts.items()},
+    )
 
 
 def root_mesh_from_shapes(
@@ -213,11 +203,9 @@ def root_mesh_from_shapes(
     if len({shape.order for shape in bodies.values()}) > 1:
         orders = ", ".join(f"{name!r} of order {shape.order}" for name, shape in bodies.items())
         raise GeometryError(f"bodies must be of one order, got {orders}")
-    points, cells, first = _concatenated(bodies.values())
+    whole = _side_by_side([(f"{name} ", shape) for name, shape in bodies.items()])
     body = np.repeat(np.arange(len(bodies)), [len(shape.cells) for shape in bodies.values()])
-    known = _sides_of_bodies(bodies, first)
-    known |= _united(known, surfaces or {})
-    order = hexahedron.order_of(cells.shape[1])
+    known = whole.sides | _united(whole.sides, surfaces or {})
 
     def found(places: Mapping[str, tuple[str, Predicate]] | None, local: Int64Array) -> dict[str, Int32Array]:
         """Rows (cell, local edge or corner) of each place, each edge or corner once.
@@ -232,61 +220,39 @@ def root_mesh_from_shapes(
                 raise SceneError(f"{name!r} must be given as (body, function of positions), got {shown(given)}")
             where, place = given
             check_name("body", where, bodies)
-            nodes = cells[:, local]
-            there = _holds(name, place, points)[nodes].all(axis=2) & (body == list(bodies).index(where))[:, None]
+            nodes = whole.cells[:, local]
+            there = (
+                _holds(name, place, whole.points)[nodes].all(axis=2) & (body == list(bodies).index(where))[:, None]
+            )
             rows = np.argwhere(there).astype(np.int32)
             if not len(rows):
                 raise GeometryError(f"{name!r} has no edge or corner of a cell of body {where!r}")
             result[name] = rows[np.unique(nodes[there][:, [0, -1]], axis=0, return_index=True)[1]]
         return result
 
-    corner = hexahedron.corner_nodes(order)
+    corner = hexahedron.corner_nodes(whole.order)
     return RootMesh(
-        points,
-        cells,
+        whole.points,
+        whole.cells,
         tuple(bodies),
         body,
         known,
-        {name: cells[rows[:, 0], corner[rows[:, 1]]] for name, rows in found(vertices, corner[:, None]).items()},
-        found(curves, hexahedron.edge_nodes(order)),
-        _parts_of_bodies(bodies, first),
+        {
+            name: whole.cells[rows[:, 0], corner[rows[:, 1]]]
+            for name, rows in found(vertices, corner[:, None]).items()
+        },
+        found(curves, hexahedron.edge_nodes(whole.order)),
+        whole.parts,
     )
-
-
-def _sides_of_bodies(bodies: Mapping[str, Shape], first: Int64Array) -> dict[str, Int32Array]:
-    """Facets of "BODY SIDE", for bodies with the numbers of their first cells."""
-    return {
-        f"{name} {side}": rows + np.array([start, 0], np.int32)
-        for (name, shape), start in zip(bodies.items(), first)
-        for side, rows in shape.sides.items()
-    }
-
-
-def _parts_of_bodies(bodies: Mapping[str, Shape], first: Int64Array) -> dict[str, Int64Array]:
-    """Cells of "BODY PART", for bodies with the numbers of their first cells."""
-    return {
-        f"{name} {part}": rows + start
-        for (name, shape), start in zip(bodies.items(), first)
-        for part, rows in shape.parts.items()
-    }
 
 
 def _united(sides: dict[str, Int32Array], surfaces: Mapping[str, str | Sequence[str]]) -> dict[str, Int32Array]:
     """Facets of surfaces by the names of their sides.  Raises SceneError: no list of names, or an unknown side."""
-    parts = {name: [part] if isinstance(part, str) else part for name, part in surfaces.items()}
-    for name, part in parts.items():
-        check_kinds(f"the sides of surface {name!r}", part, str)
+    parts = {name: as_tuple(f"the sides of surface {name!r}", part, str) for name, part in surfaces.items()}
+    for part in parts.values():
         for side in part:
             check_name("side", side, sides, "the bodies have")
     return {name: np.unique(np.concatenate([sides[side] for side in part]), axis=0) for name, part in parts.items()}
-
-
-def _concatenated(shapes: Iterable[Shape]) -> tuple[FloatArray, Int64Array, Int64Array]:
-    """Points and cells of all shapes, and the number of the first cell of each."""
-    shapes = list(shapes)
-    nodes, cells = (np.cumsum([0, *(len(getattr(s, name)) for s in shapes)]) for name in ("points", "cells"))
-    moved = [shape.cells + start for shape, start in zip(shapes, nodes)]
-    return np.concatenate([shape.points for shape in shapes]), np.concatenate(moved), cells
 
 
 def images(what: str, place: Placement, points: FloatArray) -> FloatArray:

@@ -15,10 +15,8 @@ from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.validation import check_count, check_degrees, check_vector, shown
 
 #: Local faces of swept cells: at the low and the high end of the first tangent, then of the second.
-_LATERAL = [
-    [np.flatnonzero((hexahedron.FACE_AXIS == a) & (hexahedron.FACE_SIDE == s))[0] for s in (0, 1)] for a in (0, 1)
-]
-_START, _END = (np.flatnonzero((hexahedron.FACE_AXIS == 2) & (hexahedron.FACE_SIDE == s))[0] for s in (0, 1))
+_LATERAL = hexahedron.FACES[:2].ravel()
+_START, _END = hexahedron.FACES[2]
 
 
 def sweep_side(
@@ -110,5 +108,5 @@ def _bordering(shape: Shape, rows: IntArray, facets: Int64Array, layers: int) ->
             facet, edge = np.nonzero(np.isin(own, edges(shape.facet_nodes(others))))
             cell = facet + len(rows) * np.arange(layers)[:, None]
             if cell.size:
-                sides[name] = _rows(cell, np.array(_LATERAL).ravel()[edge])
+                sides[name] = _rows(cell, _LATERAL[edge])
     return sides

@@ -7,8 +7,8 @@ evaluated.  All is local.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -23,8 +23,30 @@ from fx_contact.parallel.validation import check_label, check_number, check_vect
 ScalarValue: TypeAlias = float | Callable[[FloatArray], npt.ArrayLike]
 #: Three numbers, or a function of positions (3, n) [m] that gives (3, n).
 VectorValue: TypeAlias = Sequence[float] | FloatArray | Callable[[FloatArray], npt.ArrayLike]
+#: Nine numbers, a symmetric 3 x 3 tensor, or a function of positions (3, n) [m] that gives (3, 3, n).
+TensorValue: TypeAlias = Sequence[Sequence[float]] | FloatArray | Callable[[FloatArray], npt.ArrayLike]
+Value: TypeAlias = ScalarValue | VectorValue | TensorValue
 
 COMPONENTS = "xyz"
+
+
+@dataclass(frozen=True)
+class Placed:
+    """An item of a scene at a place of the mesh, its first field."""
+
+    #: With an article and a preposition, for messages.
+    KIND: ClassVar[str]
+
+    @property
+    def place(self) -> str:
+        """Name of the place."""
+        place: str = getattr(self, fields(self)[0].name)
+        return place
+
+    @property
+    def what(self) -> str:
+        """Kind and place, for messages."""
+        return f"{self.KIND} {self.place!r}"
 
 
 @dataclass(frozen=True)
@@ -76,7 +98,7 @@ class Dirichlet:
         """Displacement (n, 3) [m] at points (n, 3) [m], NaN where free; errors of `evaluated`."""
         result = np.full((len(points), 3), np.nan)
         for component, value in self._given:
-            result[:, component] = evaluated(self._what(component), value, points, 1)[:, 0]
+            result[:, component] = evaluated(self._what(component), value, points)
         return result
 
 
@@ -117,8 +139,8 @@ class RigidMotion(Dirichlet):
 
     def __post_init__(self) -> None:
         for name in ("translation", "rotation", "centre"):
-            check_vector(f"the {name} of the rigid motion of {shown(self.where)}", getattr(self, name))
-            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
+            what = f"the {name} of the rigid motion of {shown(self.where)}"
+            object.__setattr__(self, name, check_vector(what, getattr(self, name)))
         turned = np.cross(self.rotation, np.eye(3))
         for index, (component, number) in enumerate(zip(COMPONENTS, self.translation)):
             slope = tuple(map(float, turned[:, index]))
@@ -217,22 +239,19 @@ class ObliquePlane:
 
 
 @dataclass(frozen=True)
-class Traction:
+class Traction(Placed):
     """A force per undeformed area in x, y, z [Pa], constant or a function of the undeformed position.
 
     Raises SceneError if the value is neither three finite numbers nor a function.
     """
+
+    KIND = "the traction on"
 
     surface: str
     value: VectorValue
 
     def __post_init__(self) -> None:
         _check(self.what, self.value, 3)
-
-    @property
-    def what(self) -> str:
-        """Kind and place, for messages."""
-        return f"the traction on {self.surface!r}"
 
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Force per area (n, 3) [Pa] at points (n, 3) [m] with outward unit normals (n, 3); errors of `evaluated`."""
@@ -240,11 +259,13 @@ class Traction:
 
 
 @dataclass(frozen=True)
-class Pressure:
+class Pressure(Placed):
     """A pressure [Pa] against the undeformed outward normal, constant or a function of the undeformed position.
 
     Raises SceneError if the value is neither a finite number nor a function.
     """
+
+    KIND = "the pressure on"
 
     surface: str
     value: ScalarValue
@@ -252,18 +273,13 @@ class Pressure:
     def __post_init__(self) -> None:
         _check(self.what, self.value, 1)
 
-    @property
-    def what(self) -> str:
-        """Kind and place, for messages."""
-        return f"the pressure on {self.surface!r}"
-
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Force per area (n, 3) [Pa], as `Traction.at`."""
-        return -evaluated(self.what, self.value, points, 1) * normals
+        return -evaluated(self.what, self.value, points)[:, None] * normals
 
 
 @dataclass(frozen=True)
-class BodyForce:
+class BodyForce(Placed):
     """A force per undeformed volume in x, y, z [N/m^3], such as weight, constant or a function of the position.
 
     It acts on a body with all its parts, or on the part that is named.
@@ -271,16 +287,13 @@ class BodyForce:
     Raises SceneError if the value is neither three finite numbers nor a function.
     """
 
+    KIND = "the body force on"
+
     body: str
     value: VectorValue
 
     def __post_init__(self) -> None:
         _check(self.what, self.value, 3)
-
-    @property
-    def what(self) -> str:
-        """Kind and place, for messages."""
-        return f"the body force on {self.body!r}"
 
     def at(self, points: FloatArray) -> FloatArray:
         """Force per volume (n, 3) [N/m^3] at points (n, 3) [m]; errors of `evaluated`."""
@@ -293,27 +306,24 @@ def _check(what: str, value: ScalarValue | VectorValue, components: int) -> None
         check_number(what, value) if components == 1 else check_vector(what, value)
 
 
-def evaluated(what: str, value: ScalarValue | VectorValue, points: FloatArray, components: int) -> FloatArray:
-    """Values (n, components) of a condition or load at points (n, 3) [m].
+def evaluated(what: str, value: Value, points: FloatArray, *shape: int) -> FloatArray:
+    """Values (n, *shape) of a condition or load at points (n, 3) [m].
 
     Raises SceneError, its message beginning with `what`, for values of another shape or not finite.
     """
     if not callable(value):
-        return np.broadcast_to(np.array(value, dtype=np.float64), (len(points), components))
-    shape = (len(points),) if components == 1 else (components, len(points))
+        return np.broadcast_to(np.array(value, dtype=np.float64), (len(points), *shape))
     if not len(points):
-        return np.empty((0, components))
+        return np.empty((0, *shape))
     filled: Any = np.ma.filled  # NumPy's stub has no annotations
-    result = np.asarray(filled(value(points.T.copy()), np.nan))
-    if result.shape != shape or result.dtype.kind not in "fiu":
+    given = np.asarray(filled(value(points.T.copy()), np.nan))
+    if given.shape != (*shape, len(points)) or given.dtype.kind not in "fiu":
         raise SceneError(
-            f"{what} is a function that must give an array of shape {shape} for points of shape {(3, len(points))}, "
-            f"got {shown(result)}"
+            f"{what} is a function that must give an array of shape {(*shape, len(points))} for points of shape "
+            f"{(3, len(points))}, got {shown(given)}"
         )
-    result = result.reshape(components, -1).T.astype(np.float64)
-    bad = ~np.isfinite(result).all(axis=1)
+    result = np.moveaxis(given, -1, 0).astype(np.float64)
+    bad = ~np.isfinite(result.reshape(len(points), -1)).all(axis=1)
     if bad.any():
-        raise SceneError(
-            f"{what} is {np.squeeze(result[bad][0])} at {points[bad][0]}: it must be finite on all of it"
-        )
+        raise SceneError(f"{what} is {result[bad][0]} at {points[bad][0]}: it must be finite on all of it")
     return result

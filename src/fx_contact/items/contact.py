@@ -1,6 +1,7 @@
 """Contacts of a scene.  The constraint rows of each kind of contact are in `contact/row_kinds.py`."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -32,6 +33,9 @@ class Contact(ABC):
 
     #: Rows are equations, always closed.
     EQUALITY: ClassVar[bool] = False
+    #: Kind of its resultants, and what its name says between those of the surfaces.
+    KIND: ClassVar[str] = "contact"
+    JOINT: ClassVar[str] = "on"
 
     tangential: TangentialLaw | None = None
     clearance: float = 0.0
@@ -61,11 +65,6 @@ class Contact(ABC):
         """(3,), out of the first body, direction of the summed force [-]; None: sum of the normal forces."""
 
     @property
-    @abstractmethod
-    def data(self) -> list[str | float]:
-        """Definition of the contact for JSON, compared with that in a checkpoint."""
-
-    @property
     def obstacle(self) -> Obstacle | None:
         """The rigid obstacle, if there is one of the kinds of `items.obstacles`."""
         return None
@@ -73,12 +72,15 @@ class Contact(ABC):
     @property
     def name(self) -> str:
         """Name in records, from those of the surfaces, "surface on rigid sphere" for an obstacle."""
-        return " on ".join([*self.surfaces, *([] if self.obstacle is None else [self.obstacle.name])])
+        return self._joined(self.surfaces)
 
     @property
     def label(self) -> str:
         """As `name`, with names of surfaces in quotes."""
-        return " on ".join([*map(repr, self.surfaces), *([] if self.obstacle is None else [self.obstacle.name])])
+        return self._joined(map(repr, self.surfaces))
+
+    def _joined(self, names: Iterable[str]) -> str:
+        return f" {self.JOINT} ".join([*names, *([] if self.obstacle is None else [self.obstacle.name])])
 
 
 class Coupling(Contact):
@@ -167,16 +169,6 @@ class ContactPair(Contact):
         if self.direction is not None:
             return check_direction(f"the direction of {self.name!r}", self.direction)
         return -self.second.unit_normal if isinstance(self.second, RigidPlane) else None
-
-    @property
-    def data(self) -> list[str | float]:
-        """Names, or definition of the obstacle, clearance if there is one, direction, and force."""
-        direction = map(float, () if self.direction is None else self.direction)
-        if self.obstacle is None:
-            return [*self.surfaces, *([float(self.clearance)] if self.clearance else []), *direction]
-        numbers = map(float, (*self.moved, self.clearance))
-        force: list[str | float] = [] if self.force is None else ["force", *map(float, self.force)]
-        return [self.first, *self.obstacle.data, *numbers, *direction, *force]
 
     @property
     def motion(self) -> Approach | None:

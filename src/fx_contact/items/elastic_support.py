@@ -6,13 +6,14 @@ import numpy as np
 
 from fx_contact.geometry.rigid_motions import resisting_points
 from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.items.boundary_conditions import Placed
 from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_label, check_number
 
 
 @dataclass(frozen=True)
-class Elastic:
+class Elastic(Placed):
     """A surface on springs that are fixed at their other end; they push and pull.
 
     The force on the body per undeformed area is -k (u . n) n with `normal` k, and -(k_x u_x, k_y u_y, k_z u_z) with
@@ -24,6 +25,8 @@ class Elastic:
         normal: stiffness per area along the undeformed normal n [N/m^3]; None: 0.
         x, y, z: stiffness per area along the axes [N/m^3]; None: 0.
     """
+
+    KIND = "the elastic support on"
 
     surface: str
     normal: float | None = None
@@ -39,11 +42,6 @@ class Elastic:
         for name, value in given.items():
             if value is not None:
                 check_number(f"the stiffness {name} of {self.what}", value, positive=True)
-
-    @property
-    def what(self) -> str:
-        """Kind and place, for messages."""
-        return f"the elastic support on {self.surface!r}"
 
     @property
     def along_axes(self) -> FloatArray:

@@ -75,11 +75,6 @@ class Material:
         """The constants, for people."""
         return f"E = {self.young:.5g}, nu = {self.poisson:.5g}"
 
-    @property
-    def data(self) -> list[float]:
-        """All numbers, to compare."""
-        return [float(self.young), float(self.poisson)]
-
 
 @dataclass(frozen=True)
 class Orthotropic:
@@ -170,8 +165,3 @@ class Orthotropic:
         """The constants, for people."""
         young, shear = (", ".join(f"{value:.5g}" for value in of) for of in (self.young, self.shear))
         return f"orthotropic, E = {young}, G = {shear}"
-
-    @property
-    def data(self) -> list[float]:
-        """All numbers, to compare."""
-        return [*self.young, *self.poisson, *self.shear, *self.axes[0], *self.axes[1]]

@@ -5,7 +5,8 @@ A body is outside if g(x + u) >= 0.  For small strain g(x + u) = g(x) + u . grad
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,10 +23,8 @@ _ON_AXIS = 1e-12
 class Obstacle(ABC):
     """A rigid body without a mesh."""
 
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """In names of contacts."""
+    #: In names of contacts.
+    name: ClassVar[str]
 
     @abstractmethod
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -33,13 +32,6 @@ class Obstacle(ABC):
 
         Raises SceneError for functions that give other shapes or values that are not finite.
         """
-
-    @property
-    def data(self) -> list[str | float]:
-        """Definition for JSON, without functions of position."""
-        values = (getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
-        numbers = (value for value in values if not callable(value))
-        return [self.name, *(float(number) for value in numbers for number in np.atleast_1d(value))]
 
 
 @dataclass(frozen=True)
@@ -53,17 +45,14 @@ class RigidPlane(Obstacle):
         normal: out of the obstacle, towards the body, of any length [-].
     """
 
+    name = "rigid plane"
+
     point: tuple[float, float, float]
     normal: tuple[float, float, float]
 
     def __post_init__(self) -> None:
         check_vector("the point of a rigid plane", self.point)
         check_direction("the normal of a rigid plane", self.normal)
-
-    @property
-    def name(self) -> str:
-        """As `Obstacle.name`."""
-        return "rigid plane"
 
     @property
     def unit_normal(self) -> FloatArray:
@@ -87,17 +76,14 @@ class RigidSphere(Obstacle):
         radius: negative: the body is inside [m].
     """
 
+    name = "rigid sphere"
+
     centre: tuple[float, float, float]
     radius: float
 
     def __post_init__(self) -> None:
         check_vector("the centre of a rigid sphere", self.centre)
         _check_radius("the radius of a rigid sphere", self.radius)
-
-    @property
-    def name(self) -> str:
-        """As `Obstacle.name`."""
-        return "rigid sphere"
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Obstacle.distances`; the normal at the centre is along z."""
@@ -117,6 +103,8 @@ class RigidCylinder(Obstacle):
         radius: negative: the body is inside [m].
     """
 
+    name = "rigid cylinder"
+
     point: tuple[float, float, float]
     axis: tuple[float, float, float]
     radius: float
@@ -125,11 +113,6 @@ class RigidCylinder(Obstacle):
         check_vector("the point of a rigid cylinder", self.point)
         check_direction("the axis of a rigid cylinder", self.axis)
         _check_radius("the radius of a rigid cylinder", self.radius)
-
-    @property
-    def name(self) -> str:
-        """As `Obstacle.name`."""
-        return "rigid cylinder"
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Obstacle.distances`; normals on the axis have one direction across it."""
@@ -151,6 +134,8 @@ class RigidCone(Obstacle):
         angle: between the axis and the surface, half of the opening [degrees].
     """
 
+    name = "rigid cone"
+
     apex: tuple[float, float, float]
     axis: tuple[float, float, float]
     angle: float
@@ -163,11 +148,6 @@ class RigidCone(Obstacle):
             raise SceneError(
                 f"the angle of a rigid cone must be 0 to 180 degrees and not 90 (a plane), got {angle:g}"
             )
-
-    @property
-    def name(self) -> str:
-        """As `Obstacle.name`."""
-        return "rigid cone"
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Obstacle.distances`; on the axis the normal is along it, and the distance is that from the apex."""
@@ -200,6 +180,8 @@ class RigidSurface(Obstacle):
         normal: gives (3, n), out of the obstacle, of any length [-].
     """
 
+    name = "rigid surface"
+
     gap: Callable[[FloatArray], npt.ArrayLike]
     normal: Callable[[FloatArray], npt.ArrayLike]
 
@@ -208,19 +190,14 @@ class RigidSurface(Obstacle):
             if not callable(value):
                 raise SceneError(f"the {what} of a rigid surface must be a function of positions, got {shown(value)}")
 
-    @property
-    def name(self) -> str:
-        """As `Obstacle.name`."""
-        return "rigid surface"
-
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `Obstacle.distances`, also its Raises: SceneError."""
-        gap = evaluated("the gap of a rigid surface", self.gap, points, 1)
+        gap = evaluated("the gap of a rigid surface", self.gap, points)
         normal = evaluated("the normal of a rigid surface", self.normal, points, 3)
         length = np.linalg.norm(normal, axis=1)
         if (length == 0).any():
             raise SceneError(f"the normal of a rigid surface is zero at {points[length == 0][0]}")
-        return gap[:, 0], normal / length[:, None]
+        return gap, normal / length[:, None]
 
 
 def _check_radius(what: str, value: float) -> None:

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 
+from fx_contact.items.boundary_conditions import Placed
 from fx_contact.parallel.validation import check_label, check_vector
 
 
 @dataclass(frozen=True)
-class RigidLoad:
+class RigidLoad(Placed):
     """A force and a moment on a surface that moves as a rigid body, u = t + r x (x - c), with small unknown t and r.
 
     Where the surface meets symmetry planes and prescribed displacements, those motions that they allow are left.  It
@@ -21,6 +22,8 @@ class RigidLoad:
         point: c; None: the centroid of the surface [m].
     """
 
+    KIND = "the rigid load on"
+
     surface: str
     force: tuple[float, float, float] = (0.0, 0.0, 0.0)
     moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -31,15 +34,4 @@ class RigidLoad:
         for name in ("force", "moment", "point"):
             value = getattr(self, name)
             if value is not None:
-                check_vector(f"the {name} of {self.what}", value)
-                object.__setattr__(self, name, tuple(map(float, value)))
-
-    @property
-    def what(self) -> str:
-        """Kind and place, for messages."""
-        return f"the rigid load on {self.surface!r}"
-
-    @property
-    def data(self) -> list[str | float | None]:
-        """Surface and numbers, to compare."""
-        return [self.surface, *self.force, *self.moment, *(self.point or (None,))]
+                object.__setattr__(self, name, check_vector(f"the {name} of {self.what}", value))

@@ -4,27 +4,23 @@ Values are numbers, checked when a strain is made, or functions of positions (3,
 local.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from fx_contact.items.boundary_conditions import ScalarValue, evaluated
+from fx_contact.items.boundary_conditions import Placed, ScalarValue, TensorValue, evaluated
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_label, check_number, is_function, shown
-
-#: Nine numbers, a symmetric 3 x 3 tensor, or a function of positions (3, n) [m] that gives (3, 3, n).
-TensorValue: TypeAlias = Sequence[Sequence[float]] | FloatArray | Callable[[FloatArray], npt.ArrayLike]
 
 #: Largest asymmetry of a tensor relative to its largest component: rounding.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class ThermalStrain:
+class ThermalStrain(Placed):
     """Isotropic thermal strain eps_0 = alpha dT I of a body with all its parts, or of a part.
 
     Raises SceneError if the part has no name, the expansion is no finite number, or the change neither that nor a
@@ -34,6 +30,8 @@ class ThermalStrain:
         expansion: coefficient alpha of linear thermal expansion [1/K].
         change: dT, temperature less that of the stress-free state [K], constant or a function of the position.
     """
+
+    KIND = "the change of temperature of"
 
     part: str
     expansion: float
@@ -46,23 +44,18 @@ class ThermalStrain:
             check_number(self.what, self.change)
 
     @property
-    def what(self) -> str:
-        """Kind and place, for messages."""
-        return f"the change of temperature of {self.part!r}"
-
-    @property
     def value(self) -> ScalarValue:
         """A number that is 0 without strain, or a function."""
         return self.change if callable(self.change) else self.expansion * self.change
 
     def at(self, points: FloatArray) -> FloatArray:
         """eps_0 (n, 3, 3) [-] at points (n, 3) [m]; errors of `evaluated`."""
-        change = evaluated(self.what, self.change, points, 1)
-        return np.asarray(self.expansion * change[:, :, None] * np.eye(3))
+        change = evaluated(self.what, self.change, points)
+        return np.asarray(self.expansion * change[:, None, None] * np.eye(3))
 
 
 @dataclass(frozen=True)
-class InitialStrain:
+class InitialStrain(Placed):
     """A symmetric stress-free strain eps_0 of a body with all its parts, or of a part: swelling, shrinkage, misfit.
 
     Raises SceneError if the part has no name, or the value is neither a symmetric tensor nor a function.
@@ -70,6 +63,8 @@ class InitialStrain:
     Attributes:
         value: tensor (3, 3) in x, y, z [-], constant or a function of the position.
     """
+
+    KIND = "the initial strain of"
 
     part: str
     value: TensorValue
@@ -80,31 +75,12 @@ class InitialStrain:
             tensor = _symmetric(self.what, np.array([self.value], dtype=object), self.value)
             object.__setattr__(self, "value", tuple(map(tuple, tensor[0].tolist())))
 
-    @property
-    def what(self) -> str:
-        """Kind and place, for messages."""
-        return f"the initial strain of {self.part!r}"
-
     def at(self, points: FloatArray) -> FloatArray:
         """eps_0 (n, 3, 3) [-] at points (n, 3) [m].
 
         Raises SceneError, as `evaluated`, for values of another shape, not finite or not symmetric.
         """
-        if not callable(self.value):
-            return np.broadcast_to(np.array(self.value, dtype=np.float64), (len(points), 3, 3))
-        value = self.value
-
-        def rows(x: FloatArray) -> npt.ArrayLike:
-            """Nine components of the tensors, an array (9, n).  Raises SceneError for another shape."""
-            found = np.asarray(value(x))
-            if found.shape != (3, 3, x.shape[1]):
-                raise SceneError(
-                    f"{self.what} is a function that must give an array of shape {(3, 3, x.shape[1])} for points of "
-                    f"shape {x.shape}, got {shown(found)}"
-                )
-            return found.reshape(9, -1)
-
-        return _symmetric(self.what, evaluated(self.what, rows, points, 9).reshape(-1, 3, 3), value)
+        return _symmetric(self.what, evaluated(self.what, self.value, points, 3, 3), self.value)
 
 
 def _symmetric(what: str, tensors: npt.NDArray[Any], given: object) -> FloatArray:

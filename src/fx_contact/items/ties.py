@@ -1,7 +1,7 @@
 """Ties of a scene: surfaces that are glued.  Their constraint rows are those of contact, along each axis."""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -26,6 +26,9 @@ class Tie(Coupling):
         first, second: names of the surfaces, of two bodies or of one.
     """
 
+    KIND: ClassVar[str] = "tie"
+    JOINT: ClassVar[str] = "tied to"
+
     first: str
     second: str
 
@@ -41,21 +44,6 @@ class Tie(Coupling):
     def surfaces(self) -> tuple[str, ...]:
         """Names of both surfaces."""
         return self.first, self.second
-
-    @property
-    def data(self) -> list[str | float]:
-        """Names of both surfaces."""
-        return [*self.surfaces]
-
-    @property
-    def name(self) -> str:
-        """Name in records."""
-        return f"{self.first} tied to {self.second}"
-
-    @property
-    def label(self) -> str:
-        """As `name`, with names of surfaces in quotes."""
-        return f"{self.first!r} tied to {self.second!r}"
 
 
 @dataclass(frozen=True)
@@ -75,6 +63,8 @@ class Preload(Tie):
             a symmetry plane [N].  None: the closing is given.
         closing: t, by which the bolt is shortened [m]; ignored beside a tension.
     """
+
+    JOINT: ClassVar[str] = "bolted to"
 
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     tension: float | None = None
@@ -113,19 +103,3 @@ class Preload(Tie):
         """The section with the second side first."""
         x, y, z = self.axis
         return replace(self, first=self.second, second=self.first, axis=(-x, -y, -z))
-
-    @property
-    def data(self) -> list[str | float]:
-        """Names of both sides, axis, closing and tension."""
-        tension: list[str | float] = [] if self.tension is None else ["tension", float(self.tension)]
-        return [*self.surfaces, *map(float, self.axis), float(self.closing or 0.0), *tension]
-
-    @property
-    def name(self) -> str:
-        """Name in records."""
-        return f"{self.first} bolted to {self.second}"
-
-    @property
-    def label(self) -> str:
-        """As `name`, with names of surfaces in quotes."""
-        return f"{self.first!r} bolted to {self.second!r}"

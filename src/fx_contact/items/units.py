@@ -1,5 +1,6 @@
 """Names of the units of a scene, for axes, legends and reports: no number is converted.  All is local."""
 
+from math import isclose
 from typing import TypeAlias
 
 from fx_contact.parallel.errors import SceneError
@@ -8,20 +9,9 @@ from fx_contact.parallel.validation import shown
 #: Names of the units of length and stress; None: not known.
 Units: TypeAlias = tuple[str, str] | None
 
-#: Units of force, stress times the square of length, that have a name of their own.
-_FORCES = {
-    ("m", "Pa"): "N",
-    ("m", "kPa"): "kN",
-    ("m", "MPa"): "MN",
-    ("m", "GPa"): "GN",
-    ("mm", "MPa"): "N",
-    ("mm", "N/mm²"): "N",
-    ("mm", "N/mm^2"): "N",
-    ("mm", "GPa"): "kN",
-    ("in", "psi"): "lbf",
-}
-#: Units of length, and units of stress with their value [Pa].
-_LENGTHS = "m", "mm", "cm", "um", "µm", "nm", "in", "ft"
+#: Units of length with their value [m], of stress [Pa], and of force, stress times the square of length, by value [N].
+_LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254, "ft": 0.3048}
+_FORCES = {1.0: "N", 1e3: "kN", 1e6: "MN", 1e9: "GN", 4.448: "lbf"}
 _STRESSES = {
     "Pa": 1.0,
     "kPa": 1e3,
@@ -60,7 +50,10 @@ def unit_of(quantity: str, units: Units) -> str:
     if units is None:
         return ""
     length, stress = units
-    force = _FORCES.get((length, stress), f"{stress} {length}²")
+    value = _STRESSES.get(stress, 0.0) * _LENGTHS.get(length, 0.0) ** 2
+    force = next(
+        (name for known, name in _FORCES.items() if isclose(known, value, rel_tol=1e-3)), f"{stress} {length}²"
+    )
     return {"length": length, "stress": stress, "force": force}.get(quantity, "")
 
 

@@ -72,18 +72,17 @@ def is_function(what: str, value: object) -> bool:
     return callable(value)
 
 
-def check_vector(what: str, value: Any) -> None:
-    """Raises SceneError unless a value is three finite numbers."""
+def check_vector(what: str, value: Any) -> tuple[float, float, float]:
+    """The value as three floats.  Raises SceneError unless it is three finite numbers."""
     if np.array(value, dtype=object).shape != (3,):
         raise SceneError(f"{what} must have three components, got {shown(value)}")
-    for component in value:
-        check_number(what, component)
+    x, y, z = (check_number(what, component) for component in value)
+    return x, y, z
 
 
 def check_direction(what: str, value: Any) -> FloatArray:
     """Unit vector (3,) of a direction.  Raises SceneError unless it is three finite numbers, not all of them 0."""
-    check_vector(what, value)
-    vector = np.array(value, np.float64)
+    vector = np.array(check_vector(what, value))
     if not vector.any():
         raise SceneError(f"{what} is zero")
     vector /= np.abs(vector).max()

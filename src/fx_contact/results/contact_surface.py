@@ -65,7 +65,7 @@ def contact_faces(step: Step) -> tuple[Int64Array, Int64Array]:
     """Leaves (m,) and their local faces (m,) on surfaces of contact, not of ties.  Local."""
     forest = step.forest
     leaf, face = forest.contact_faces()
-    touches = forest.contact_surfaces.contact[forest.cell[leaf], face] < len(step.scene.contact)
+    touches = ~step.scene.couplings[forest.contact_surfaces.contact[forest.cell[leaf], face]]
     return leaf[touches], face[touches]
 
 

@@ -1,43 +1,35 @@
 """Fingerprint of a scene, for comparison between ranks and with a checkpoint."""
 
 import hashlib
-from collections.abc import Iterable
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
 
 from fx_contact.geometry.root_mesh import RootMesh
-from fx_contact.items.boundary_conditions import ScalarValue, SymmetryPlane, Traction, VectorValue, evaluated
-from fx_contact.items.contact import Contact, ContactPair
-from fx_contact.items.elastic_support import Elastic
-from fx_contact.items.obstacles import RigidSurface
-from fx_contact.items.stress_free_strains import InitialStrain, ThermalStrain
 from fx_contact.scene.scene import Scene
+
+#: Items of a scene that are compared, by their names in messages.
+_ITEMS = {
+    "displacement conditions": "dirichlet",
+    "contact pairs": "contact",
+    "tractions": "tractions",
+    "body forces": "body_forces",
+    "ties": "ties",
+    "rigid loads": "rigid_loads",
+    "stress-free strains": "strains",
+    "elastic supports": "springs",
+}
 
 
 def scene_parts(scene: Scene) -> dict[str, Any]:
     """Parts of a scene for JSON, with digests of the root mesh and of the values of functions of position.  Local."""
+    centre = () if scene.contact_centre is None else scene.contact_centre
     return {
         "root mesh": mesh_digest(scene.mesh),
-        "materials": {name: material.data for name, material in scene.materials.items()},
-        "displacement conditions": [
-            (
-                [c.surface, "symmetry plane"]
-                if isinstance(c, SymmetryPlane)
-                else _given(scene, c.where, 1, c.x, c.y, c.z)
-            )
-            for c in scene.dirichlet
-        ],
-        "contact pairs": [_of_contact(scene, c) for c in scene.contact],
-        "tractions": [
-            _given(scene, t.surface, 3 if isinstance(t, Traction) else 1, t.value) for t in scene.tractions
-        ],
-        "body forces": [_given(scene, f.body, 3, f.value) for f in scene.body_forces],
-        **({"ties": [tie.data for tie in scene.ties]} if scene.ties else {}),
-        **({"rigid loads": [load.data for load in scene.rigid_loads]} if scene.rigid_loads else {}),
-        **({"stress-free strains": [_of_strain(scene, strain) for strain in scene.strains]} if scene.strains else {}),
-        **({"elastic supports": [_of_support(support) for support in scene.springs]} if scene.springs else {}),
-        "symmetry": [int(scene.symmetry), *_floats(() if scene.contact_centre is None else scene.contact_centre)],
+        "materials": {name: item_fields(scene.mesh, material) for name, material in scene.materials.items()},
+        **{title: [item_fields(scene.mesh, item) for item in getattr(scene, name)] for title, name in _ITEMS.items()},
+        "symmetry": [int(scene.symmetry), *map(float, centre)],
     }
 
 
@@ -62,42 +54,29 @@ def same_mesh(one: RootMesh, other: RootMesh) -> bool:
     return one is other or mesh_digest(one) == mesh_digest(other)
 
 
-def _of_contact(scene: Scene, contact: Contact) -> list[Any]:
-    """A contact for JSON, with digests of the functions of an obstacle by their values at samples of the surface."""
-    if not isinstance(contact, ContactPair) or not isinstance(contact.obstacle, RigidSurface):
-        return contact.data
-    return [
-        *contact.data,
-        *_given(scene, contact.first, 1, lambda x: contact.distances(x.T)[0]),
-        *_given(scene, contact.first, 3, lambda x: contact.distances(x.T)[1].T),
-    ]
+def item_fields(mesh: RootMesh, item: Any, place: str | None = None) -> list[Any]:
+    """Class and fields of an item for JSON; digests of functions by their values at samples of a place.
 
-
-def _of_strain(scene: Scene, strain: ThermalStrain | InitialStrain) -> list[Any]:
-    """A strain for JSON, with a digest of its values at samples of the part."""
-    return _given(scene, strain.part, 9, lambda x: strain.at(x.T).reshape(-1, 9).T)
-
-
-def _of_support(support: Elastic) -> list[Any]:
-    """An elastic support for JSON."""
-    stiffness = (support.normal, support.x, support.y, support.z)
-    return [support.surface, *(None if value is None else float(value) for value in stiffness)]
-
-
-def _given(scene: Scene, name: str, components: int, *values: ScalarValue | VectorValue | None) -> list[Any]:
-    """A place and its prescribed values for JSON: numbers, or digests of functions by their values at its samples."""
-    result: list[Any] = [name]
+    Local.  By default the place is the first field of the item.
+    """
+    values = [getattr(item, one.name) for one in fields(item)]
+    result: list[Any] = [type(item).__name__]
     for value in values:
-        if not callable(value):
-            result.append(None if value is None else _floats(np.atleast_1d(value)))
-            continue
-        found = evaluated(f"what is prescribed on {name!r}", value, scene.mesh.samples(name), components)
-        size = np.abs(found).max()
-        rounded = np.rint(found / size * 1e9 if size else found).astype(np.int64)
-        digest = hashlib.sha256(repr(float(f"{size:.9g}")).encode() + rounded.tobytes())
-        result.append(f"function {digest.hexdigest()[:16]}")
+        if value is None or isinstance(value, str):
+            result.append(value)
+        elif callable(value):
+            result.append(_digest(value(mesh.samples(place or values[0]).T.copy())))
+        elif is_dataclass(value):
+            result += item_fields(mesh, value, values[0])
+        else:
+            result += map(float, np.ravel(value))
     return result
 
 
-def _floats(values: Iterable[float]) -> list[float]:
-    return [float(value) for value in values]
+def _digest(values: Any) -> str:
+    """Digest of the values of a function, rounded to 1e-9 of the largest."""
+    values = np.nan_to_num(np.asarray(values, dtype=np.float64))
+    size = np.abs(values).max(initial=0.0)
+    rounded = np.rint(values / size * 1e9 if size else values).astype(np.int64)
+    digest = hashlib.sha256(repr(float(f"{size:.9g}")).encode() + rounded.tobytes())
+    return f"function {digest.hexdigest()[:16]}"

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -19,6 +19,13 @@ _SAME = 1e-6
 _Places: TypeAlias = list[tuple[float, set[int]]]
 #: Prescribed displacements and symmetry planes of a scene.
 _Conditions: TypeAlias = Sequence[Dirichlet | SymmetryPlane]
+
+
+class PlaneSurface(NamedTuple):
+    """A surface on a symmetry plane with its unit normal (3,)."""
+
+    surface: str
+    normal: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +91,7 @@ def mirrors_of(mesh: RootMesh, dirichlet: _Conditions, symmetry: int) -> Mirrors
             f"symmetry={symmetry}, but planes of symmetry in {len(single)} directions make {copies} copies of a "
             "part: take their number, or a multiple of it"
         )
-    others = [normal for _, normal in _other_planes(mesh, dirichlet)]
+    others = [plane.normal for plane in _other_planes(mesh, dirichlet)]
     possible = mirror_group(np.array([*(n for n, _ in found), *others]).reshape(-1, 3), symmetry)
     if len(possible) < symmetry or symmetry > 1 and symmetry % 2:
         raise SceneError(
@@ -128,27 +135,26 @@ def _check_slice(normal: FloatArray, places: _Places, rounding: float) -> None:
         )
 
 
-def symmetry_planes(mesh: RootMesh, dirichlet: _Conditions, symmetry: int) -> list[tuple[str, FloatArray]]:
-    """Surfaces on symmetry planes with their normals (3,): of each SymmetryPlane, and `_other_planes` that make copies.
+def symmetry_planes(mesh: RootMesh, dirichlet: _Conditions, symmetry: int) -> list[PlaneSurface]:
+    """Surfaces on symmetry planes: of each SymmetryPlane, and `_other_planes` that make copies.
 
     Local.
     """
     surfaces = (condition.surface for condition in dirichlet if isinstance(condition, SymmetryPlane))
-    planes = [(name, mesh.outward_normals(mesh.surface(name)[:1])[0]) for name in surfaces]
+    planes = [PlaneSurface(name, mesh.outward_normals(mesh.surface(name)[:1])[0]) for name in surfaces]
     return planes + (_other_planes(mesh, dirichlet) if symmetry > 1 else [])
 
 
-def _other_planes(mesh: RootMesh, dirichlet: _Conditions) -> list[tuple[str, FloatArray]]:
+def _other_planes(mesh: RootMesh, dirichlet: _Conditions) -> list[PlaneSurface]:
     """Plane surfaces whose normal displacement alone is prescribed as 0, symmetry planes as well, and normals (3,)."""
     planes = []
     for condition in dirichlet:
         if isinstance(condition, Dirichlet) and condition.where in mesh.surfaces and condition.held.sum() == 1:
-            axis, (value,) = int(condition.held.argmax()), [
-                v for v in (condition.x, condition.y, condition.z) if v is not None
-            ]
+            axis = int(condition.held.argmax())
+            value = (condition.x, condition.y, condition.z)[axis]
             extent = np.ptp(mesh.facet_points(mesh.surface(condition.where)).reshape(-1, 3), axis=0)
             if not callable(value) and value == 0 and extent[axis] <= PLANE * extent.max():
-                planes.append((condition.where, np.eye(3)[axis]))
+                planes.append(PlaneSurface(condition.where, np.eye(3)[axis]))
     return planes
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from fx_contact.items.motions import FaceMotion, rigid_displacements
 from fx_contact.items.rigid_loads import RigidLoad
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
+from fx_contact.scene.mirrors import PlaneSurface
 
 #: Eigenvalues of R^T R, relative to the largest, and components of loads, that are rounding.
 _ROUNDING = 1e-10, 1e-9
@@ -19,6 +21,8 @@ _ROUNDING = 1e-10, 1e-9
 @dataclass(frozen=True, eq=False)
 class RigidFace(Coupling):
     """The surface of a RigidLoad in a scene: rows of all its nodes, with the motions that its conditions allow."""
+
+    KIND: ClassVar[str] = "rigid load"
 
     surface: str
     face_motion: FaceMotion
@@ -34,27 +38,13 @@ class RigidFace(Coupling):
         return (self.surface,)
 
     @property
-    def data(self) -> list[str | float]:
-        """Name alone: `RigidLoad.data` has the rest."""
-        return [self.surface]
-
-    @property
-    def name(self) -> str:
-        """Name in records."""
-        return self.surface
-
-    @property
     def label(self) -> str:
         """Name in messages."""
         return f"rigid load {self.surface!r}"
 
 
 def rigid_face(
-    mesh: RootMesh,
-    load: RigidLoad,
-    others: Sequence[str],
-    prescribed: FloatArray,
-    planes: Sequence[tuple[str, FloatArray]],
+    mesh: RootMesh, load: RigidLoad, others: Sequence[str], prescribed: FloatArray, planes: Sequence[PlaneSurface]
 ) -> RigidFace:
     """The face of a load in a scene.
 
@@ -64,7 +54,7 @@ def rigid_face(
     Args:
         others: surfaces of contacts, ties and other rigid loads.
         prescribed: (npoints, 3), displacements of the mesh's nodes by conditions [m], NaN where free.
-        planes: surfaces on symmetry planes and normals (3,), as from `mirrors.symmetry_planes`.
+        planes: as from `mirrors.symmetry_planes`.
     """
     facets = mesh.surface(load.surface)
     area = mesh.facet_areas(facets)
@@ -82,9 +72,9 @@ def rigid_face(
     size = float(np.linalg.norm(mesh.points[nodes] - centroid, axis=1).max())
     motions = rigid_displacements(mesh.points[nodes], centroid, size)
     held = [motions[:, ~np.isnan(prescribed[nodes, axis]), axis] for axis in range(3)]
-    for surface, normal in planes:
-        on = nodes[np.isin(nodes, mesh.nodes_of(surface))][:1]
-        held.append(rigid_displacements(_around(mesh.points[on], normal, size), centroid, size) @ normal)
+    for plane in planes:
+        on = nodes[np.isin(nodes, mesh.nodes_of(plane.surface))][:1]
+        held.append(rigid_displacements(_around(mesh.points[on], plane.normal, size), centroid, size) @ plane.normal)
     all_held = np.concatenate(held, axis=1)
     values, vectors = np.linalg.eigh(all_held @ all_held.T)
     basis = vectors[:, values <= _ROUNDING[0] * max(values[-1], 1.0)]

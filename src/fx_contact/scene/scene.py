@@ -85,10 +85,8 @@ class Scene(SceneItems):
             )
         for on_surface in (*self.tractions, *self.springs):
             mesh.surface(on_surface.surface)
-        for force in self.body_forces:
-            mesh.cells_of(force.body)
-        for strain in self.strains:
-            mesh.cells_of(strain.part)
+        for in_part in (*self.body_forces, *self.strains):
+            mesh.cells_of(in_part.place)
         check_units(self)
         check_springs(self)
         check_loads(self)
@@ -109,8 +107,8 @@ class Scene(SceneItems):
         materials = ((region, self.materials[region]) for region in self.mesh.regions)
         lists = {
             "materials": [f"{region!r} {material.text}" for region, material in materials],
-            "contact": [self._described(index) for index in range(len(self.contact))],
-            "ties": [self._described(len(self.contact) + index) for index in range(len(self.ties))],
+            "contact": [self._described(i) for i, one in enumerate(self.interfaces) if not one.EQUALITY],
+            "ties": [self._described(index) for index in self.numbered(Tie)],
             "rigid loads": [repr(load.surface) for load in self.rigid_loads],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
             "elastic supports": [repr(support.surface) for support in self.springs],

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -26,13 +26,15 @@ from fx_contact.items.rigid_loads import RigidLoad
 from fx_contact.items.stress_free_strains import InitialStrain, ThermalStrain
 from fx_contact.items.ties import Preload, Tie
 from fx_contact.items.units import Units
-from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.scene.held_loads import held_share, held_stiffness
-from fx_contact.scene.mirrors import Mirrors, mirrors_of, symmetry_planes
+from fx_contact.scene.mirrors import Mirrors, PlaneSurface, mirrors_of, symmetry_planes
 from fx_contact.scene.rigid_faces import RigidFace, rigid_face
 from fx_contact.surfaces.contact_surfaces import ContactSurfaces
 from fx_contact.surfaces.facet_pairing import Pairing
 from fx_contact.surfaces.nonmatching import NonmatchingSurfaces, oriented
+
+_Kind = TypeVar("_Kind", bound=Contact)
 
 #: Largest difference of two conditions on one component, relative to the largest prescribed displacement.
 _SAME = 1e-12
@@ -88,13 +90,10 @@ class SceneItems:
     @cached_property
     def zero_loads(self) -> tuple[tuple[str, str], ...]:
         """Descriptions and places of the loads and stress-free strains that are zero at all sampling points."""
-        places = [load.surface for load in self.tractions]
-        places += [force.body for force in self.body_forces] + [strain.part for strain in self.strains]
-        loads = zip((*self.tractions, *self.body_forces, *self.strains), places)
         return tuple(
-            (load.what, place)
-            for load, place in loads
-            if not np.any(load.value(self.mesh.samples(place).T) if callable(load.value) else load.value)
+            (load.what, load.place)
+            for load in (*self.tractions, *self.body_forces, *self.strains)
+            if not np.any(load.value(self.mesh.samples(load.place).T) if callable(load.value) else load.value)
         )
 
     @cached_property
@@ -103,44 +102,40 @@ class SceneItems:
         return mirrors_of(self.mesh, self.dirichlet, self.symmetry)
 
     @property
-    def symmetry_planes(self) -> list[tuple[str, FloatArray]]:
-        """Surfaces on symmetry planes with their normals (3,)."""
+    def symmetry_planes(self) -> list[PlaneSurface]:
+        """Surfaces on symmetry planes."""
         return symmetry_planes(self.mesh, self.dirichlet, self.symmetry)
 
     @property
     def interfaces(self) -> tuple[Contact, ...]:
-        """`contact`, then `ties`, then `rigid_faces`: all have surfaces, rows and an index among all."""
+        """`contact`, with the same indices, then `ties`, then `rigid_faces`: all have surfaces and rows."""
         return (*self.contact, *self.ties, *self.rigid_faces)
 
     @property
-    def joins(self) -> int:
-        """Number of contacts and ties, the first of the `interfaces`."""
-        return len(self.contact) + len(self.ties)
+    def couplings(self) -> BoolArray:
+        """(n + 1,), which of n `interfaces` are equations: ties and rigid faces; at last False, for the index -1."""
+        return np.array([*(interface.EQUALITY for interface in self.interfaces), False])
+
+    def numbered(self, kind: type[_Kind]) -> dict[int, _Kind]:
+        """The `interfaces` of a class, by index."""
+        return {index: one for index, one in enumerate(self.interfaces) if isinstance(one, kind)}
 
     @cached_property
     def rigid_faces(self) -> tuple[RigidFace, ...]:
         """Surfaces of `rigid_loads`, with the motions that conditions allow."""
         joined = [name for contact in (*self.contact, *self.ties) for name in contact.surfaces]
-        surfaces = [load.surface for load in self.rigid_loads]
-        return tuple(
-            rigid_face(
-                self.mesh,
-                load,
-                surfaces[:index] + surfaces[index + 1 :] + joined,
-                self.prescribed(self.mesh.points),
-                self.symmetry_planes,
-            )
-            for index, load in enumerate(self.rigid_loads)
-        )
+        prescribed, faces = self.prescribed(self.mesh.points), []
+        for load in self.rigid_loads:
+            others = joined + [other.surface for other in self.rigid_loads if other is not load]
+            faces.append(rigid_face(self.mesh, load, others, prescribed, self.symmetry_planes))
+        return tuple(faces)
 
     @cached_property
     def nonmatching(self) -> dict[int, NonmatchingSurfaces]:
         """Surfaces whose meshes do not match, by index among `interfaces`; first the one with the rows."""
         moduli = np.array([self.materials[region].plane_strain_modulus for region in self.mesh.regions])
-        pairs = {index: self.interfaces[index] for index in self.pairing.nonmatching}
-        return {
-            i: oriented(self.mesh, pair, moduli) for i, pair in pairs.items() if isinstance(pair, (ContactPair, Tie))
-        }
+        pairs: dict[int, ContactPair | Tie] = self.numbered(ContactPair) | self.numbered(Tie)
+        return {index: oriented(self.mesh, pairs[index], moduli) for index in self.pairing.nonmatching}
 
     @property
     def oriented(self) -> tuple[Contact, ...]:

@@ -131,11 +131,9 @@ def check_mirrored(scene: SceneItems) -> None:
                     f"{condition.surface!r} has facets of the symmetry plane and of {scene.interfaces[index].label}: "
                     "contact with the mirror image is that with a RigidPlane; else name these facets once"
                 )
-    for _, normal in scene.symmetry_planes if scene.symmetry > 1 else ():
-        turn, message = (
-            np.eye(3) - 2 * np.outer(normal, normal),
-            "changes in the mirror of the symmetry plane across {}",
-        )
+    for normal in [plane.normal for plane in scene.symmetry_planes] if scene.symmetry > 1 else ():
+        turn = np.eye(3) - 2 * np.outer(normal, normal)
+        changes = f"changes in the mirror of the symmetry plane across {normal.round(6)}"
         for name, material in scene.materials.items():
             if not isinstance(material, Orthotropic):
                 continue
@@ -143,14 +141,14 @@ def check_mirrored(scene: SceneItems) -> None:
             mirrored = replace(material, axes=(tuple(one), tuple(other))).stiffness
             if np.abs(mirrored - material.stiffness).max() > _SAME * np.abs(mirrored).max():
                 raise SceneError(
-                    f"the material of {name!r} {message.format(normal.round(6))}: let one of its axes lie along this "
+                    f"the material of {name!r} {changes}: let one of its axes lie along this "
                     "normal, or model the whole"
                 )
         for strain in scene.strains:
             if not callable(strain.value):
                 (tensor,) = strain.at(np.zeros((1, 3)))
                 if np.abs(turn @ tensor @ turn - tensor).max() > _SAME * np.abs(tensor).max():
-                    raise SceneError(f"{strain.what} {message.format(normal.round(6))}: model the whole")
+                    raise SceneError(f"{strain.what} {changes}: model the whole")
 
 
 def check_strains(scene: SceneItems) -> None:
@@ -247,7 +245,7 @@ def check_ties(scene: SceneItems) -> None:
     for tie in scene.ties:
         if isinstance(tie, Preload):
             _check_section(scene.mesh, tie)
-    for index, tie in enumerate(scene.ties, len(scene.contact)):
+    for index, tie in scene.numbered(Tie).items():
         distance, size = _between(scene, index)
         part = np.nan_to_num(np.abs(distance)) / size
         worst = np.unravel_index(part.argmax(), part.shape)
@@ -294,15 +292,15 @@ def check_constrained(scene: SceneItems) -> None:
     motions = scene.rigid_motions
     first, opposite = _facing_bodies(scene)
     direction = scene.contact_directions(first)
-    tied = scene.contact_surfaces.contact[first[:, 0], first[:, 1]] >= len(scene.contact)
+    tied = scene.couplings[scene.contact_surfaces.contact[first[:, 0], first[:, 1]]]
     axes = np.tile(np.eye(3), (int(tied.sum()), 1))
     direction = np.concatenate([direction[~tied], axes])
     first, opposite = (
         np.concatenate([facets[~tied], np.repeat(facets[tied], 3, axis=0)]) for facets in (first, opposite)
     )
     of = scene.contact_surfaces.contact[first[:, 0], first[:, 1]]
-    normal = [contact.unit_direction is None for contact in scene.contact]
-    along_normals = np.array([*normal, *(False for _ in scene.interfaces[len(normal) :])], dtype=bool)[of]
+    normal = [one.unit_direction is None and not one.EQUALITY for one in scene.interfaces]
+    along_normals = np.array(normal, dtype=bool)[of]
     points = resisting_points(scene.mesh, first, direction, along_normals).reshape(-1, 3)
     here, there = (
         motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))

@@ -228,10 +228,8 @@ def _inverse(symmetry: IntArray) -> Int64Array:
 
 def _check_one_to_one(mesh: RootMesh, first: Int32Array, second: Int32Array, symmetry: Int64Array) -> None:
     """Raises _NoMatch if a node faces several nodes."""
-    of_face = hexahedron.face_nodes(mesh.order)
-    one = mesh.cells[first[:, :1], of_face[first[:, 1]]]
-    two = mesh.cells[second[:, :1], of_face[second[:, 1]]]
-    two = np.take_along_axis(two, _face_orders(mesh.order)[symmetry], axis=1)
+    one = mesh.facet_nodes(first)
+    two = np.take_along_axis(mesh.facet_nodes(second), _face_orders(mesh.order)[symmetry], axis=1)
     links = np.unique(np.stack([one.ravel(), two.ravel()], axis=1), axis=0)
     for column in links.T:
         nodes, count = np.unique(column, return_counts=True)

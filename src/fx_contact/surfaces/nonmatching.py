@@ -85,7 +85,7 @@ class NonmatchingSurfaces:
     @cached_property
     def faced_samples(self) -> Int64Array:
         """(n, 16), facets of the second surface that samples of the first one's root facets face, -1: none."""
-        at = self.first.at(np.arange(len(self.first)), np.broadcast_to(SAMPLES, (len(self.first), *SAMPLES.shape)))
+        at = self.first.at(np.arange(len(self.first)), SAMPLES)
         found = self.faced(at.position.reshape(-1, 3), self.directions(at.normal).reshape(-1, 3))
         return found.facet.reshape(-1, len(SAMPLES))
 
@@ -122,7 +122,7 @@ class NonmatchingSurfaces:
     def cut_off(self, facets: LeafFacets) -> FloatArray:
         """Parts (k,) of facets of the first surface that face nothing, but what goes on beyond the second one's rim."""
         assert self._continuation is not None, "as of `goes_on`"
-        at = facets.at(np.broadcast_to(SAMPLES, (len(facets), *SAMPLES.shape)))
+        at = facets.at(SAMPLES)
         position, direction = at.position.reshape(-1, 3), self.directions(at.normal).reshape(-1, 3)
         missed = ~self.faced(position, direction).found
         missed[missed] = self._continuation(position[missed], direction[missed], self.depth).found
@@ -153,7 +153,7 @@ class NonmatchingSurfaces:
         Returns:
             (k,), facets whose middle faces one; of these, root facets (n, 2) and coordinates (n, 2) on them.
         """
-        at = second.at(np.full((len(second), 1, 2), 0.5))
+        at = second.at(np.array([[0.5, 0.5]]))
         normal, direction = at.normal[:, 0], self.contact.unit_direction
         along = normal if direction is None else np.broadcast_to(-direction, normal.shape)
         place = self._onto_first(at.position[:, 0], along, self.depth)
@@ -167,7 +167,7 @@ def _edges(mesh: RootMesh, facets: IntArray) -> Int64Array:
 
 def _at_edges(mesh: RootMesh, facets: IntArray) -> tuple[Int64Array, FloatArray]:
     """Edges (4 n,) of facets (n, 2), and the unit normals (4 n, 3) of the facets at their middles."""
-    at = RootFacets(mesh, facets).at(np.arange(len(facets)), np.broadcast_to(_EDGE_MIDDLES, (len(facets), 4, 2)))
+    at = RootFacets(mesh, facets).at(np.arange(len(facets)), _EDGE_MIDDLES)
     return _edges(mesh, facets).ravel(), at.normal.reshape(-1, 3)
 
 

@@ -196,7 +196,7 @@ def _none(count: int) -> Projected:
 def _sampled(facets: RootFacets) -> list[_Balls]:
     """Balls that cover the facets, a set for each octave of radii, the largest first."""
     ends = np.array([[0, 0.5], [1, 0.5], [0.5, 0], [0.5, 1], [0.5, 0.5]])
-    at = facets.at(np.arange(len(facets)), np.broadcast_to(ends, (len(facets), 5, 2))).position
+    at = facets.at(np.arange(len(facets)), ends).position
     # Lengths through the middle, by way of it.
     lengths = np.linalg.norm(at[:, :4] - at[:, 4:], axis=2).reshape(-1, 2, 2).sum(axis=2)
     spacing = lengths.min(axis=1) / _SAMPLES
@@ -207,7 +207,7 @@ def _sampled(facets: RootFacets) -> list[_Balls]:
     for number, (m, n) in enumerate(kinds):
         rows = np.flatnonzero(kind.ravel() == number)
         lattice = np.stack(np.meshgrid(np.arange(2 * m + 1) / (2 * m), np.arange(2 * n + 1) / (2 * n)), axis=-1)
-        x = facets.at(rows, np.broadcast_to(lattice.reshape(-1, 2), (len(rows), lattice.size // 2, 2))).position
+        x = facets.at(rows, lattice.reshape(-1, 2)).position
         x = x.reshape(len(rows), 2 * n + 1, 2 * m + 1, 3)
         middle = x[:, 1::2, 1::2]
         corners = [x[:, i : i + 2 * n : 2, j : j + 2 * m : 2] for i in (0, 2) for j in (0, 2)]

@@ -65,20 +65,16 @@ def sum_up(state: SolvedState, residual: FloatArray, totals: FloatArray, centre:
     if elasticity.springs is not None:
         parts.append(_about(centre, elasticity.springs.totals(elasticity.at_leaves(state.field.function))))
     sums = state.forest.comm.allreduce(np.concatenate(parts))
-    names = [(pair.name, "contact") for pair in scene.contact]
-    names += [(tie.name, "tie") for tie in scene.ties]
-    names += [(load.surface, "rigid load") for load in scene.rigid_loads]
+    names = [(interface.name, interface.KIND) for interface in scene.interfaces]
     names += [(force.surface, type(force).__name__.lower()) for force in scene.tractions]
     names += [(force.body, "body force") for force in scene.body_forces]
     names += [(c.where, "symmetry" if isinstance(c, SymmetryPlane) else "reaction") for c in scene.dirichlet]
     names += [(support.surface, "spring") for support in scene.springs]
     names += [(body, "balance") for body in scene.mesh.bodies]
     values = np.concatenate([sums[len(scene.interfaces) :].sum(axis=1), sums.sum(axis=0)])
-    for index, contact in enumerate(scene.contact):
-        if len(contact.surfaces) == 1:  # on the obstacle
-            values[index] = -sums[index].sum(axis=0)
-    for index in range(len(scene.contact) + len(scene.ties), len(scene.interfaces)):
-        values[index] = sums[index].sum(axis=0)  # on the body
+    for index, interface in enumerate(scene.interfaces):
+        if len(interface.surfaces) == 1:  # on the obstacle, or of a rigid load on the body
+            values[index] = (1 if interface.EQUALITY else -1) * sums[index].sum(axis=0)
     return tuple(_resultant(name, kind, row, centre, scene) for (name, kind), row in zip(names, values))
 
 

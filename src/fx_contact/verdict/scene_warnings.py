@@ -7,6 +7,7 @@ from fx_contact.items.boundary_conditions import RigidMotion
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
 from fx_contact.scene.mirrors import mirror_group
+from fx_contact.scene.rigid_faces import RigidFace
 from fx_contact.scene.scene import Scene
 from fx_contact.verdict.model_warning import LARGE, MISSED, ModelWarning
 
@@ -61,7 +62,8 @@ def _zero_loads(scene: Scene) -> list[ModelWarning]:
 def _loads_on_contact(scene: Scene) -> list[ModelWarning]:
     """Surface forces and elastic supports of which a part acts on contact or tied surfaces."""
     mesh, warnings = scene.mesh, list[ModelWarning]()
-    joined = (scene.contact_surfaces.contact >= 0) & (scene.contact_surfaces.contact < scene.joins)
+    of = scene.contact_surfaces.contact
+    joined = (of >= 0) & ~np.isin(of, [*scene.numbered(RigidFace)])
     for load in (*scene.tractions, *scene.springs):
         facets = mesh.surface(load.surface)
         area = mesh.facet_areas(facets)

@@ -61,7 +61,7 @@ def _initial_overlap(scene: Scene) -> float:
     """Largest penetration of root facets, at a lattice of points on each [m]."""
     forest = Forest.of_roots(MPI.COMM_SELF, scene.mesh, scene.pairing, scene.contact_surfaces)
     deepest = 0.0
-    for kind in kinds_of(scene)[: len(scene.contact)]:
+    for kind in (kind for kind in kinds_of(scene) if not kind.contact.EQUALITY):
         cell, face = kind.facets(forest)
         nodes = hexahedron.grid_points(_SAMPLES)[hexahedron.face_nodes(_SAMPLES)[face]] * (SIDE // _SAMPLES)
         apart = kind.apart(forest, cell, face, nodes.astype(np.int32))
@@ -237,7 +237,7 @@ def _oblique(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
 
 def _uncovered_ties(scene: Scene) -> list[ModelWarning]:
     """Ties of which a large part of the smaller surface faces nothing."""
-    ties = {i: surfaces.uncovered for i, surfaces in scene.nonmatching.items() if i >= len(scene.contact)}
+    ties = {i: surfaces.uncovered for i, surfaces in scene.nonmatching.items() if scene.couplings[i]}
     message = "{}: {:.0%} of the area of {!r} faces nothing and is free, limit {:.0%}; name what is glued"
     return [
         ModelWarning(
