@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from studies.runs import STAGES, Case, RunFailed, at_once, cpu, records, wall
-from studies.tables import TABLES, plain, write
+from studies.tables import plain, write
 
 #: The pages' table: targets in CPU seconds and kB a dof, where there are some.
 STANDARD = {
@@ -193,7 +193,7 @@ def main():
             rows = list(STUDIES[name](arguments.output, arguments.large))
             command = f"python3 -m studies.cost.run --study {name}" + " --large" * arguments.large
             write(arguments.output / f"{name}.csv", rows, command)
-            print(TABLES.get(f"studies/cost/{name}.csv", plain)(rows), flush=True)
+            print(plain(rows), flush=True)
     except OSError as error:
         parser.error(f"cannot write to {str(arguments.output)!r}: {error.strerror}")
     except RunFailed as error:

@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 
 from studies.runs import RunFailed, cpu, run, wall
-from studies.tables import TABLES, machine, write
+from studies.tables import machine, plain, write
 from studies.work_precision.figures import draw
 from studies.work_precision.points import points
 from studies.work_precision.tables import medians, promises, rows, true_errors_of_hertz
@@ -45,6 +45,8 @@ def one_run(point, repeat, folder):
     return record | counted | {"last": last, "history": history}
 
 
+#: Columns that are printed.
+PRINTED = ("group", "line", "dofs", "failed", "true_error", "estimate", "error_force", "cpu_s", "promise", "measured")
 #: What is kept of the steps before the last.
 HISTORY = ("cells", "dofs", "krylov_iterations", "estimate", "true_error", "l2_error", "effectivity", "force")
 
@@ -111,7 +113,7 @@ def main():
         made_by = "python3 -m studies.work_precision.run" + " --quick" * arguments.quick
     for name, table in (("points", list(rows(found))), ("promises", list(promises(found)))):
         write(folder / f"{name}.csv", table, made_by)
-        print(TABLES[f"studies/work_precision/{name}.csv"](table), end="\n\n")
+        print(plain([{key: row[key] for key in row if key in PRINTED} for row in table]), end="\n\n")
     if {"HERTZ-A", "INDENT-A"} <= {r.point.group for r in found if not r.failed}:
         draw(found, folder, _told(runs))
     print(f"results in {arguments.output}")
