@@ -127,6 +127,31 @@ def write(path, rows, command=None):
         writer.writerows({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
 
 
+def tabulate(rows, path):
+    """Rows as they come: each is printed, and written with those before; at the end they are printed as a table.
+
+    Collective, on the ranks of MPI; only of one rank they are kept.
+    """
+    from mpi4py import MPI  # not at the top: what reads tables may start ranks of its own
+
+    known, comm = [], MPI.COMM_WORLD
+    for row in rows:
+        known.append(row)
+        if comm.rank == 0:
+            print(*(f"{v:.5g}" if isinstance(v, float) else v for v in row.values()), sep="  ", flush=True)
+        if comm.size == 1:
+            write(path, known)
+    if known and comm.rank == 0:
+        print(f"\n{plain(known)}")
+
+
+def options(text, study):
+    """A parser of the command line of a study, with its text and the folder of its results."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, default=Path("results", study), help="folder (%(default)s)")
+    return parser
+
+
 def machine():
     """Processor, cores and memory, in a few words."""
     models = re.findall(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())

@@ -7,9 +7,6 @@ aim at 0.9 and at all of them, and by a mesh that grows from tolerance to tolera
 onto a stop; "beam": 1:18, on four supports; "ring": 1:100, squeezed between two blocks.
 """
 
-import argparse
-from pathlib import Path
-
 import numpy as np
 
 from fx_contact import (
@@ -27,7 +24,7 @@ from fx_contact import (
 from fx_contact.adaptive.beginning import Beginning
 from studies.runs import STAGES
 from studies.stability.shapes import DOWN, between, four_supports, held
-from studies.tables import plain, write
+from studies.tables import options, tabulate
 
 #: Looser tolerances over the one that is asked for; those of the mesh that grows, each over the one before; and the
 #: unknowns with which it ends at the latest.
@@ -126,13 +123,10 @@ def measured(name):
 
 def main():
     """Measure; print the table and keep it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "cost")
     parser.add_argument("--scene", choices=SCENES, nargs="+", default=list(SCENES), help="(all)")
-    rows = []
-    for name in parser.parse_args().scene:
-        rows.append(measured(name))
-        write(Path("results/cost/thin.csv"), rows)
-    print(plain(rows))
+    given = parser.parse_args()
+    tabulate(map(measured, given.scene), given.output / "thin.csv")
 
 
 if __name__ == "__main__":

@@ -8,9 +8,7 @@ the effectivity.
 It leaves cad.csv in results/effectivity.
 """
 
-import argparse
 from functools import partial
-from pathlib import Path
 
 import gmsh
 import numpy as np
@@ -18,7 +16,8 @@ from mpi4py import MPI
 
 from fx_contact import ContactPair, Dirichlet, Material, Scene, adapt, root_mesh_from_gmsh
 from fx_contact.adaptive.beginning import Beginning
-from studies.tables import write
+from studies.cost.distorted import subdivided
+from studies.tables import options, tabulate
 
 STEEL, ALUMINIUM = Material(210e9, 0.3), Material(70e9, 0.33)
 #: Fixed in all directions.
@@ -31,17 +30,13 @@ def facets(volume, condition):
     return [side for side in sides if condition(np.array(gmsh.model.getBoundingBox(2, side)))]
 
 
-def subdivided(bodies, places, alike, size):
+def meshed(bodies, places, alike, size):
     """The model meshed by hexahedra of half a size [m], two surfaces alike; names for bodies and places."""
     gmsh.model.mesh.setPeriodic(2, *alike, np.eye(4).ravel().tolist())
     for dimension, groups in ((3, bodies), (2, places)):
         for name, tags in groups.items():
             gmsh.model.addPhysicalGroup(dimension, tags, name=name)
-    gmsh.option.setNumber("Mesh.MeshSizeMin", size)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
-    gmsh.model.mesh.generate(3)
-    gmsh.option.setNumber("Mesh.SubdivisionAlgorithm", 2)
-    gmsh.model.mesh.refine()
+    subdivided(MeshSizeMin=size, MeshSizeMax=size)
 
 
 def lug(size):
@@ -56,7 +51,7 @@ def lug(size):
     (side,) = facets(pin, lambda box: box[5] - box[2] > 5e-3)
     places = {"hole": [hole], "pin side": [side], "lug end": facets(body, lambda box: box[0] > 0.059)}
     places["pin ends"] = facets(pin, lambda box: box[5] - box[2] < 1e-3)
-    subdivided({"lug": [body], "pin": [pin]}, places, ([side], [hole]), size)
+    meshed({"lug": [body], "pin": [pin]}, places, ([side], [hole]), size)
 
 
 def blocks(size):
@@ -68,7 +63,7 @@ def blocks(size):
     ]
     inner = [facets(body, lambda box: np.abs(box[[2, 5]] - 0.01).max() < 1e-5) for body in (lower, upper)]
     places = dict(zip(("bottom", "top", "lower face", "upper face"), (*ends, *inner)))
-    subdivided({"lower": [lower], "upper": [upper]}, places, inner[::-1], size)
+    meshed({"lower": [lower], "upper": [upper]}, places, inner[::-1], size)
 
 
 def scenes():
@@ -116,16 +111,17 @@ def solved(scene, tolerance, most):
 
 def main():
     """Solve and write the table."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--only", default="", help="scenes with this word in their name")
-    options.add_argument("--output", type=Path, default=Path("results/effectivity"), help="folder (%(default)s)")
-    options.add_argument("--most", type=int, default=20_000, help="cells of a mesh refined as a whole (%(default)s)")
-    given, rows = options.parse_args(), []
-    for name, (scene, tolerance) in scenes().items():
-        for row in solved(scene, tolerance, given.most) if given.only in name else ():
-            rows.append({"scene": name, "tolerance": tolerance} | row)
-            print(rows[-1], flush=True)
-    write(given.output / "cad.csv", rows)
+    parser = options(__doc__, "effectivity")
+    parser.add_argument("--only", default="", help="scenes with this word in their name")
+    parser.add_argument("--most", type=int, default=20_000, help="cells of a mesh refined as a whole (%(default)s)")
+    given = parser.parse_args()
+    chosen = {name: what for name, what in scenes().items() if given.only in name}
+    rows = (
+        {"scene": name, "tolerance": tolerance} | row
+        for name, (scene, tolerance) in chosen.items()
+        for row in solved(scene, tolerance, given.most)
+    )
+    tabulate(rows, given.output / "cad.csv")
 
 
 if __name__ == "__main__":

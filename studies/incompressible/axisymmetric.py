@@ -6,9 +6,6 @@ Taylor and Hood's pair P2/P1 of displacement and pressure on curved triangles in
 sphere against the plane of symmetry.  No part of it is the package's.
 """
 
-import argparse
-from pathlib import Path
-
 import gmsh
 import numpy as np
 import ufl
@@ -18,7 +15,7 @@ from dolfinx.mesh import Mesh
 from scipy.sparse import identity
 
 from studies.axisymmetric import assembled, lame, pressed, strain, triangles
-from studies.tables import write
+from studies.tables import options, tabulate
 
 RATIOS = (0.3, 0.45, 0.49, 0.499, 0.4999, 0.49999)
 #: Radius, modulus, displacement of the flat face.
@@ -90,18 +87,12 @@ def solved(poisson: float, mesh: Mesh) -> tuple[fem.Function, float, float]:
 
 def main():
     """Forces on three meshes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "incompressible")
     parser.add_argument("--cells", type=int, nargs="+", default=[20, 40, 80], help="along the contact's radius")
-    parser.add_argument("--output", type=Path, default=Path("results/incompressible"))
-    arguments = parser.parse_args()
-    rows = []
-    for cells in arguments.cells:
-        mesh = half_disc(cells)
-        for poisson in RATIOS:
-            _, found, radius = solved(poisson, mesh)
-            print(f"nu = {poisson}, {cells} cells to the rim: force {found:.5e}, last node {radius:.5f}", flush=True)
-            rows.append({"nu": poisson, "cells": cells, "force": found})
-    write(arguments.output / "axisymmetric.csv", rows)
+    given = parser.parse_args()
+    meshes = ((cells, half_disc(cells)) for cells in given.cells)
+    rows = ({"nu": nu, "cells": cells, "force": solved(nu, mesh)[1]} for cells, mesh in meshes for nu in RATIOS)
+    tabulate(rows, given.output / "axisymmetric.csv")
 
 
 if __name__ == "__main__":

@@ -6,8 +6,7 @@ Quadratic quadrilaterals in the half plane (r, z), graded towards the contact, t
 the surface against the sphere.  No part of it is the package's.
 """
 
-import argparse
-from pathlib import Path
+from itertools import product
 
 import numpy as np
 from dolfinx import fem
@@ -16,7 +15,7 @@ from mpi4py import MPI
 from scipy.sparse import identity
 
 from studies.axisymmetric import lame, pressed, stiffness
-from studies.tables import write
+from studies.tables import options, tabulate
 
 #: Of the cylinder, its radius and height; modulus and Poisson's ratio of the substrate, Poisson's ratio of the coating.
 SIZE, YOUNG, POISSON, COATING_POISSON = 1.0, 1.0, 0.3, 0.3
@@ -81,17 +80,16 @@ def solved(ratio: float, width: float, cells: int) -> tuple[float, float]:
 
 def main():
     """Forces on meshes, each twice as fine."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "layers")
     parser.add_argument("--cells", type=int, nargs="+", default=[10, 20, 40], help="along the contact's radius")
-    parser.add_argument("--output", type=Path, default=Path("results/layers"))
-    arguments, rows = parser.parse_args(), []
-    for width in WIDTHS:
-        for ratio in RATIOS:
-            for cells in arguments.cells:
-                force, radius = solved(ratio, width, cells)
-                rows.append({"width": width, "ratio": ratio, "cells": cells, "force": force, "radius": radius})
-                print(rows[-1], flush=True)
-    write(arguments.output / "axisymmetric.csv", rows)
+    given = parser.parse_args()
+
+    def rows():
+        for width, ratio, cells in product(WIDTHS, RATIOS, given.cells):
+            force, radius = solved(ratio, width, cells)
+            yield {"width": width, "ratio": ratio, "cells": cells, "force": force, "radius": radius}
+
+    tabulate(rows(), given.output / "axisymmetric.csv")
 
 
 if __name__ == "__main__":
