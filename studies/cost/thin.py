@@ -16,14 +16,13 @@ from fx_contact import (
     Material,
     Pressure,
     Scene,
-    SymmetryPlane,
     adapt,
     block,
     root_mesh_from_shapes,
 )
 from fx_contact.adaptive.beginning import Beginning
 from studies.runs import STAGES
-from studies.stability.shapes import DOWN, between, four_supports, held
+from studies.stability.shapes import DOWN, between, four_supports, held, sides
 from studies.tables import options, tabulate
 
 #: Looser tolerances over the one that is asked for; those of the mesh that grows, each over the one before; and the
@@ -38,12 +37,11 @@ def plate(thick=1.0, half=50.0, cells=8):
     plate = plate.named("above", "bottom", where=lambda x: between(0, wide)(x) & between(0, wide, axis=1)(x))
     stop = block((0, 0, -wide), (wide, wide, 0), (1, 1, 1), 1).shifted(z=-0.01)
     mesh = root_mesh_from_shapes({"plate": plate, "stop": stop})
-    planes = [SymmetryPlane(f"{body} {side}") for body in mesh.bodies for side in ("left", "front")]
     return Scene(
         "plate",
         mesh,
         dict.fromkeys(mesh.bodies, Material(1.0, 0.3)),
-        (held("plate rim"), held("stop bottom"), *planes),
+        (held("plate rim"), held("stop bottom"), *sides(*mesh.bodies)),
         (ContactPair("plate above", "stop top", DOWN),),
         (Pressure("plate top", 2e-8),),
     )
@@ -61,12 +59,11 @@ def ring(radius=10.0, thick=0.1, wide=2.0, cells=32, order=4):
     base = block((0, 0, -1), (2, wide, 0), (2, 2, 1), order)
     base = base.placed(lambda x: (radius * np.sin(x[0] * angle / cells), x[1], x[2]))
     mesh = root_mesh_from_shapes({"ring": ring.placed(bent), "block": base})
-    planes = [SymmetryPlane(f"{body} {side}") for body in mesh.bodies for side in ("left", "front")]
     return Scene(
         "ring",
         mesh,
         dict.fromkeys(mesh.bodies, Material(1.0, 0.3)),
-        (held("block bottom", thick / 100), Dirichlet("ring right", z=0.0), *planes),
+        (held("block bottom", thick / 100), Dirichlet("ring right", z=0.0), *sides(*mesh.bodies)),
         (ContactPair("ring above", "block top", DOWN),),
     )
 
