@@ -67,13 +67,18 @@ def three(rows):
     return [min(points, key=lambda r: abs(log(r["true_error"] / wanted))) for wanted in (0.05, 0.01, 0.001)]
 
 
-def by_goal(rows):
-    """A row for each goal and degree: relative true errors and effectivities, mesh by mesh."""
+def grouped(rows, *names):
+    """Groups of rows that agree in some columns: these, dict, and the rows."""
     groups = {}
     for row in rows:
-        groups.setdefault((row["scene"], row["goal"], row["degree"]), []).append(row)
-    for names, group in groups.items():
-        yield dict(zip(("scene", "goal", "degree"), names)) | {
+        groups.setdefault(tuple(row[name] for name in names), []).append(row)
+    return [(dict(zip(names, values)), group) for values, group in groups.items()]
+
+
+def by_goal(rows):
+    """A row for each goal and degree: relative true errors and effectivities, mesh by mesh."""
+    for common, group in grouped(rows, "scene", "goal", "degree"):
+        yield common | {
             "true": ", ".join(f"{row['true'] / abs(row['known']):.2%}" for row in group),
             "effectivities": ", ".join(f"{row['effectivity']:.2g}" for row in group),
         }
@@ -81,18 +86,14 @@ def by_goal(rows):
 
 def lowest(rows):
     """The row with the lowest effectivity for each Poisson's ratio."""
-    ratios = dict.fromkeys(row["poisson"] for row in rows)
-    return [min((r for r in rows if r["poisson"] == nu), key=lambda r: r["effectivity"]) for nu in ratios]
+    return [min(group, key=lambda row: row["effectivity"]) for _, group in grouped(rows, "poisson")]
 
 
 def by_cells(rows):
     """A row for each leaf spring: linear solves, iterations and errors of forces by the number of cells."""
-    groups = {}
-    for row in rows:
-        groups.setdefault((row["plates"], row["slenderness"], row["bent_by"]), []).append(row)
-    for names, group in groups.items():
+    for common, group in grouped(rows, "plates", "slenderness", "bent_by"):
         listed = {name: ", ".join(f"{row[name]}" for row in group) for name in ("cells", "solves", "iterations")}
-        yield dict(zip(("plates", "slenderness", "bent by"), names)) | {
+        yield {name.replace("_", " "): value for name, value in common.items()} | {
             "cells along": listed["cells"],
             "linear solves": listed["solves"],
             "iterations": listed["iterations"],
