@@ -112,28 +112,13 @@ def records(case, folder):
     return steps
 
 
-def at_once(case, folder, copies=2):
-    """Step records of independent runs of a case at the same time, each a single process.
-
-    Args:
-        case: Case, whose ranks do not count.
-        folder: Path below which the runs have folders.
-        copies: how many.
-
-    Raises:
-        RunFailed: one ends with an error.
-    """
-    places = [folder / f"{case.name} copy {number} of {copies}" for number in range(1, copies + 1)]
-    if not all((place / "done").exists() for place in places):
-        words = [sys.executable, f"demos/{case.demo}.py", *shlex.split(case.options), "--records-only"]
-        streams = {"cwd": TOP, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
-        processes = [subprocess.Popen([*words, "--output", str(place.resolve())], **streams) for place in places]
-        said = [process.communicate()[1] for process in processes]
-        if any(process.returncode for process in processes):
-            raise RunFailed(f"{shlex.join(words)}: {' '.join(map(_what_it_said, said))}")
-        for place in places:
-            (place / "done").touch()
-    return [[json.loads(line) for line in (place / "steps.jsonl").read_text().splitlines()] for place in places]
+def by_itself(module, *words, ranks=1):
+    """What a module prints in its last line, as JSON, run with some words in a process of its own."""
+    start = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
+    said = subprocess.run(
+        [*start, sys.executable, "-m", module, *words], stdout=subprocess.PIPE, text=True, check=True
+    )
+    return json.loads(said.stdout.splitlines()[-1])
 
 
 def cpu(steps, stages=STAGES):

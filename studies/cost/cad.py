@@ -8,7 +8,6 @@ divided into four hexahedra.  Costs are those of a run to a tolerance of 5 %, an
 an estimate of 5 %.
 """
 
-import argparse
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,7 +16,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact import ContactPair, Dirichlet, Material, Scene, Solver, SymmetryPlane, adapt, root_mesh_from_gmsh
-from studies.tables import plain, write
+from studies.cost.distorted import subdivided
+from studies.tables import options, tabulate
 
 TOLERANCE, BODIES = 0.05, {"pin": (0.25, 0.499), "eye": (0.5, 1.0)}
 #: Thickness [m] of the modelled half, and layers of extruded cells.
@@ -63,15 +63,11 @@ def alike(dimension, copies, masters):
 
 def subdivide(around):
     """Hexahedra of tetrahedra."""
-    mesh, named = gmsh.model.mesh, name_groups()
+    named = name_groups()
     copies, masters = named["pin outside"], named["eye inside"]
     alike(2, copies, masters)
     sizes = {"MeshSizeFromCurvature": around, "MeshSizeFromPoints": 0, "MeshSizeMax": 0.5}
-    for name, value in {**sizes, "Algorithm3D": 10, "OptimizeThreshold": 0.6}.items():
-        gmsh.option.setNumber(f"Mesh.{name}", value)
-    mesh.generate(3)
-    gmsh.option.setNumber("Mesh.SubdivisionAlgorithm", 2)
-    mesh.refine()
+    subdivided(**sizes, Algorithm3D=10, OptimizeThreshold=0.6)
     alike(2, copies, copies)
 
 
@@ -158,22 +154,26 @@ def measured(name, kind, around, preconditioner=None):
     }
 
 
-def main():
-    """Measure, print the table and keep it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--part", choices=PARTS, nargs="+", default=list(PARTS), help="(all)")
-    rows = []
-    for part in parser.parse_args().part:
+def rows(parts):
+    """Rows of parts; where p-multigrid is not the last preconditioner, also with it."""
+    for part in parts:
         measured(part, *MESHES[0])  # libraries are loaded, forms compiled
+        reference = None
         for mesh in MESHES:
             found = [measured(part, *mesh)]
             if found[0]["at_the_end"] != "p-multigrid":
                 found.append(measured(part, *mesh, "p-multigrid"))
-            reference = next((row for row in rows if row["part"] == part), found[0])
+            reference = reference or found[0]
             for row in found:
-                rows.append(row | {f"{name}_ratio": row[name] / reference[name] for name in ("cpu_s", "run_cpu_s")})
-            write(Path("results/cost/cad.csv"), rows)
-    print(plain(rows))
+                yield row | {f"{name}_ratio": row[name] / reference[name] for name in ("cpu_s", "run_cpu_s")}
+
+
+def main():
+    """Measure, print the table and keep it."""
+    parser = options(__doc__, "cost")
+    parser.add_argument("--part", choices=PARTS, nargs="+", default=list(PARTS), help="(all)")
+    given = parser.parse_args()
+    tabulate(rows(given.part), given.output / "cad.csv")
 
 
 if __name__ == "__main__":

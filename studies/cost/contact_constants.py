@@ -8,9 +8,7 @@ guess, not counted here, times updates of the active set by it.  The last column
 PETSc in all of them, with PETSc's own product, which counts its.
 """
 
-import argparse
 from contextlib import ExitStack
-from pathlib import Path
 from unittest import mock
 
 from petsc4py import PETSc
@@ -20,7 +18,7 @@ from fx_contact.contact import constraint_rows, enforcement
 from fx_contact.law import initial_guess
 from fx_contact.linalg import matrix
 from fx_contact.scenes import cylinders, hertz, indentation, shrink_fit
-from studies.tables import plain, write
+from studies.tables import options, tabulate
 
 #: Scenes, and their tolerances at degree 1 and 2.
 SCENES = {
@@ -68,10 +66,8 @@ def measured(degree):
 
 def main():
     """Measure; print the table and keep it."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    rows = [row for degree in (2, 1) for row in measured(degree)]
-    write(Path("results/cost/contact_constants.csv"), rows)
-    print(plain(rows))
+    given = options(__doc__, "cost").parse_args()
+    tabulate((row for degree in (2, 1) for row in measured(degree)), given.output / "contact_constants.csv")
 
 
 if __name__ == "__main__":

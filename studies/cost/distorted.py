@@ -7,17 +7,15 @@
 Each row is a process of its own: CPU seconds of set-up and solve, and the largest memory.
 """
 
-import argparse
 import json
-import subprocess
-import sys
-from pathlib import Path
+from itertools import product
 
 import gmsh
 from mpi4py import MPI
 
 from fx_contact import Dirichlet, Material, Scene, Solver, Traction, adapt, root_mesh_from_gmsh
-from studies.tables import plain, write
+from studies.runs import by_itself
+from studies.tables import options, tabulate
 
 #: Solvers that are compared; BoomerAMG below p-multigrid is where factors of the coarse level are dear.
 SOLVERS = {
@@ -29,10 +27,10 @@ SOLVERS = {
 CASES = (("bracket", 10.0), ("bracket", 7.0), ("cube", 12.0))
 
 
-def subdivided(size):
-    """Mesh the current model of OpenCASCADE with hexahedra: four of each tetrahedron of a size."""
-    gmsh.option.setNumber("Mesh.MeshSizeMin", size)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+def subdivided(**settings):
+    """Mesh the current model of OpenCASCADE with hexahedra: four of each tetrahedron, by settings of Gmsh's mesh."""
+    for name, value in settings.items():
+        gmsh.option.setNumber(f"Mesh.{name}", value)
     gmsh.model.mesh.generate(3)
     gmsh.option.setNumber("Mesh.SubdivisionAlgorithm", 2)
     gmsh.model.mesh.refine()
@@ -56,7 +54,7 @@ def bracket(size):
     part = cad.fuse(legs[:1], [*legs[1:], *fillet])[0]
     cad.cut(part, [(3, cad.addCylinder(-5, 30, 50, 20, 0, 0, 10))])
     named((-eps, -eps, -eps, 80 + eps, 60 + eps, eps), (-eps, 20 - eps, 40 - eps, 10 + eps, 40 + eps, 60 + eps))
-    subdivided(size)
+    subdivided(MeshSizeMin=size, MeshSizeMax=size)
 
 
 def cube(size):
@@ -64,7 +62,7 @@ def cube(size):
     eps = 1e-3
     gmsh.model.occ.addBox(0, 0, 0, 60, 60, 60)
     named((-eps, -eps, -eps, 60 + eps, 60 + eps, eps), (-eps, -eps, 60 - eps, 60 + eps, 60 + eps, 60 + eps))
-    subdivided(size)
+    subdivided(MeshSizeMin=size, MeshSizeMax=size)
 
 
 SCENES = {"bracket": bracket, "cube": cube}
@@ -89,24 +87,20 @@ def row(name, size, solver):
 
 def main():
     """Measure in processes of their own; print the table and keep it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "cost")
     parser.add_argument("--scene", choices=SCENES, help="one row, of this scene")
     parser.add_argument("--size", type=float, default=10.0, help="of its tetrahedra [mm] (%(default)s)")
     parser.add_argument("--with", dest="solver", choices=SOLVERS, default="by default", help="(%(default)s)")
-    arguments = parser.parse_args()
-    if arguments.scene:
-        found = row(arguments.scene, arguments.size, arguments.solver)
+    given = parser.parse_args()
+    if given.scene:
+        found = row(given.scene, given.size, given.solver)
         if MPI.COMM_WORLD.rank == 0:
             print(json.dumps(found))
         return
-    rows = []
-    for name, size in CASES:
-        for solver in SOLVERS:
-            command = [sys.executable, "-m", "studies.cost.distorted", "--scene", name, "--size", str(size)]
-            said = subprocess.run([*command, "--with", solver], capture_output=True, text=True, check=True).stdout
-            rows.append(json.loads(said.splitlines()[-1]))
-            write(Path("results/cost/distorted.csv"), rows)
-    print(plain(rows))
+    words = (
+        ("--scene", name, "--size", str(size), "--with", solver) for (name, size), solver in product(CASES, SOLVERS)
+    )
+    tabulate((by_itself("studies.cost.distorted", *each) for each in words), given.output / "distorted.csv")
 
 
 if __name__ == "__main__":

@@ -10,8 +10,6 @@ in the middle.  "plate": one layer of cells between clamped rims, "thick plate":
 unknown are those of set-up and solves.
 """
 
-import argparse
-from pathlib import Path
 from unittest import mock
 
 import numpy as np
@@ -22,7 +20,7 @@ from fx_contact import Dirichlet, Material, Scene, SolveError, Solver, Traction,
 from fx_contact.fem import coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.parallel.timing import Stages
-from studies.tables import plain, write
+from studies.tables import options, tabulate
 
 ASPECTS, POISSON = (1.0, 2.0, 4.0, 16.0, 100.0, 1000.0), (0.3, 0.49, 0.4999)
 #: Layers of cells of the scenes.
@@ -102,25 +100,17 @@ def factors(name, aspect, side):
 
 def main():
     """Measure; print the table, and keep that of one rank."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "cost")
     parser.add_argument("--scene", choices=LAYERS, nargs="+", default=list(LAYERS), help="(all)")
     parser.add_argument("--poisson", type=float, nargs="+", default=POISSON, help="(%(default)s)")
     parser.add_argument("--factors", action="store_true", help="what factors take")
-    arguments = parser.parse_args()
-    if arguments.factors:
-        cases = [("plate", 16.0, side) for side in (16, 32, 48)]
-        cases += [("thick plate", 16.0, side) for side in (12, 24)] + [("layers", 1.0, side) for side in (6, 12)]
-        found, name = (factors(*case) for case in cases), "factors"
-    else:
-        cases = [(name, a, nu) for name in arguments.scene for nu in arguments.poisson for a in ASPECTS]
-        found, name = (by_aspect(*case) for case in cases), "flat"
-    rows = []
-    for row in found:
-        rows.append(row)
-        if MPI.COMM_WORLD.size == 1:
-            write(Path(f"results/cost/{name}.csv"), rows)
-    if MPI.COMM_WORLD.rank == 0:
-        print(plain(rows))
+    given = parser.parse_args()
+    cases = [("plate", 16.0, side) for side in (16, 32, 48)]
+    cases += [("thick plate", 16.0, side) for side in (12, 24)] + [("layers", 1.0, side) for side in (6, 12)]
+    if not given.factors:
+        cases = [(name, aspect, nu) for name in given.scene for nu in given.poisson for aspect in ASPECTS]
+    measured, name = (factors, "factors") if given.factors else (by_aspect, "flat")
+    tabulate((measured(*case) for case in cases), given.output / f"{name}.csv")
 
 
 if __name__ == "__main__":

@@ -7,13 +7,10 @@ Plates 0.1 m long and 0.02 m wide lie on each other, clamped at one end.  A load
 uppermost bends them all.  The force of the first pair is compared with that of beams that touch at their tips.
 """
 
-import argparse
-from pathlib import Path
-
-from mpi4py import MPI
+from itertools import product
 
 from fx_contact import ContactPair, Dirichlet, Material, Scene, Traction, adapt, block, root_mesh_from_shapes
-from studies.tables import plain, write
+from studies.tables import options, tabulate
 
 LENGTH, WIDTH, MODULUS = 0.1, 0.02, 210e9
 CELLS = (10, 20, 40, 80, 160)
@@ -59,19 +56,12 @@ def measured(cells, **options):
 
 def main():
     """Measure; print the table, and keep that of one rank."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "cost")
     parser.add_argument("--cells", type=int, nargs="+", default=CELLS, help="along a plate (%(default)s)")
-    rows = []
-    cells = parser.parse_args().cells
-    for plates in (2, 5):
-        for slenderness in (50, 200):
-            for loaded in (True, False):
-                for number in cells:
-                    rows.append(measured(number, plates=plates, slenderness=slenderness, loaded=loaded))
-                    if MPI.COMM_WORLD.size == 1:
-                        write(Path("results/cost/leaf_springs.csv"), rows)
-    if MPI.COMM_WORLD.rank == 0:
-        print(plain(rows))
+    given = parser.parse_args()
+    cases = product((2, 5), (50, 200), (True, False), given.cells)
+    rows = (measured(cells, plates=plates, slenderness=thin, loaded=loaded) for plates, thin, loaded, cells in cases)
+    tabulate(rows, given.output / "leaf_springs.csv")
 
 
 if __name__ == "__main__":

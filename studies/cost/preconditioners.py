@@ -10,9 +10,7 @@ pairs held; PCG starts from the displacement carried from the mesh before, on ro
 least of three repetitions on one rank.
 """
 
-import argparse
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -46,7 +44,7 @@ from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.timing import Stages
 from fx_contact.scenes import hertz, indentation
-from studies.tables import plain, write
+from studies.tables import options, tabulate
 
 #: Cells of a plate along its sides and through it.
 SIDE, THROUGH = 12, 3
@@ -166,16 +164,13 @@ def measured(names, tune, repetitions):
 
 def main():
     """Measure; print the table and keep it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "cost")
     parser.add_argument("--scene", choices=SCENES, nargs="+", default=list(SCENES), help="(all)")
     parser.add_argument("--tune", action="store_true", help="other options of p-multigrid")
     parser.add_argument("--repetitions", type=int, default=3, help="(%(default)s)")
-    arguments = parser.parse_args()
-    rows = []
-    for row in measured(arguments.scene, arguments.tune, arguments.repetitions):
-        rows.append(row)
-        write(Path(f"results/cost/preconditioners{'_tuned' * arguments.tune}.csv"), rows)
-    print(plain(rows))
+    given = parser.parse_args()
+    path = given.output / f"preconditioners{'_tuned' * given.tune}.csv"
+    tabulate(measured(given.scene, given.tune, given.repetitions), path)
 
 
 if __name__ == "__main__":

@@ -5,9 +5,7 @@
 Curved cells, those of Hertz at 1 %, on one rank.  CPU seconds are medians, the loops in turn.
 """
 
-import argparse
 import time
-from pathlib import Path
 from unittest import mock
 
 import numpy as np
@@ -16,7 +14,7 @@ from fx_contact import solve
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.linalg import matrix
 from fx_contact.scenes import hertz
-from studies.tables import plain, write
+from studies.tables import options, tabulate
 
 REPETITIONS = 40
 
@@ -55,10 +53,7 @@ def measured():
 
 def main():
     """Measure; print the table and keep it."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    rows = list(measured())
-    write(Path("results/cost/products.csv"), rows)
-    print(plain(rows))
+    tabulate(measured(), options(__doc__, "cost").parse_args().output / "products.csv")
 
 
 if __name__ == "__main__":

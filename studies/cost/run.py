@@ -12,14 +12,12 @@ largest resident size of all ranks together.
 Each study leaves a table, STUDY.csv, in results/cost, and prints it.
 """
 
-import argparse
 import sys
-from pathlib import Path
 
 import numpy as np
 
-from studies.runs import STAGES, Case, RunFailed, at_once, cpu, records, wall
-from studies.tables import TABLES, plain, write
+from studies.runs import STAGES, Case, RunFailed, cpu, records, wall
+from studies.tables import options, tabulate
 
 #: The pages' table: targets in CPU seconds and kB a dof, where there are some.
 STANDARD = {
@@ -111,17 +109,13 @@ def orders(folder, _large):
 
 
 def ranks(folder, _large):
-    """Speed-up by a second rank in every stage that takes over a tenth of the time, and what the machine allows.
-
-    Two cores share memory and its bandwidth: two independent runs at the same time, which exchange nothing, are each
-    slower than one alone. Twice the one over the other is the most that two ranks could gain.
-    """
+    """Speed-up by a second rank in every stage that takes over a tenth of the time."""
     for two in RANKS:
         one = Case(two.demo, two.options, ranks=1)
-        first, second, copies = records(one, folder), records(two, folder), at_once(one, folder)
+        first, second = records(one, folder), records(two, folder)
         long = [[name] for name in STAGES if _seconds(first, [name]) > 0.1 * wall(first)]
         for stages in [*long, STAGES]:
-            alone, both, *beside = (_seconds(steps, stages) for steps in (first, second, *copies))
+            alone, both = (_seconds(steps, stages) for steps in (first, second))
             yield {
                 "command": f"demos/{one.demo}.py {one.options}",
                 "stage": "all" if stages is STAGES else stages[0],
@@ -129,7 +123,6 @@ def ranks(folder, _large):
                 "wall_1_s": alone,
                 "wall_2_s": both,
                 "speed_up": alone / both,
-                "of_two_runs_at_once": 2 * alone / np.mean(beside),
             }
 
 
@@ -182,20 +175,15 @@ STUDIES = {study.__name__: study for study in (standard, hertz, orders, growth, 
 
 def main():
     """Run what is asked for; a table each, printed and kept. Ends with 1 and a sentence if a run failed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "cost")
     parser.add_argument("--study", choices=STUDIES, nargs="+", default=["standard"], help="(%(default)s)")
     parser.add_argument("--large", action="store_true", help="include the runs that take minutes and up to 16 GB")
-    parser.add_argument("--output", type=Path, default=Path("results/cost"), help="folder (%(default)s)")
-    arguments = parser.parse_args()
+    given = parser.parse_args()
     try:
-        arguments.output.mkdir(parents=True, exist_ok=True)
-        for name in arguments.study:
-            rows = list(STUDIES[name](arguments.output, arguments.large))
-            command = f"python3 -m studies.cost.run --study {name}" + " --large" * arguments.large
-            write(arguments.output / f"{name}.csv", rows, command)
-            print(TABLES.get(f"studies/cost/{name}.csv", plain)(rows), flush=True)
+        for name in given.study:
+            tabulate(STUDIES[name](given.output, given.large), given.output / f"{name}.csv")
     except OSError as error:
-        parser.error(f"cannot write to {str(arguments.output)!r}: {error.strerror}")
+        parser.error(f"cannot write to {str(given.output)!r}: {error.strerror}")
     except RunFailed as error:
         sys.exit(str(error))
 

@@ -5,13 +5,11 @@
 It leaves sweeps.csv in results/cost: CPU seconds without compilation, the median of three runs.
 """
 
-import argparse
-from pathlib import Path
 from statistics import median
 
 from fx_contact import sweep
 from fx_contact.scenes import hertz
-from studies.tables import write
+from studies.tables import options, tabulate
 
 REPEATS, APPROACHES, TOLERANCES = 3, (1e-2, 1e-3, 1e-4, 1e-5), (0.05, 0.02)
 
@@ -28,20 +26,25 @@ def cost(approaches, tolerance):
     return sum(r.solves for r in runs[0]), sum(r.unknowns for r in runs[0]), seconds
 
 
-def main():
-    """Run the load paths and their last points, and write the table."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--output", type=Path, default=Path("results/cost"), help="folder (%(default)s)")
-    given, rows = options.parse_args(), []
+def rows():
+    """The load path and its last point alone, by tolerance."""
     next(iter(sweep(pressed, APPROACHES[:1], 0.3)))  # compiles
     for tolerance in TOLERANCES:
         path, alone = cost(APPROACHES, tolerance), cost(APPROACHES[-1:], tolerance)
-        rows.append(
-            {"tolerance": tolerance, "points": len(APPROACHES), "solves": path[0], "dofs": path[1], "cpu_s": path[2]}
-            | {"alone_solves": alone[0], "alone_dofs": alone[1], "alone_cpu_s": alone[2], "ratio": path[2] / alone[2]}
-        )
-        print(*(f"{value:.4g}" for value in rows[-1].values()), sep="  ", flush=True)
-    write(given.output / "sweeps.csv", rows)
+        row = {
+            "tolerance": tolerance,
+            "points": len(APPROACHES),
+            "solves": path[0],
+            "dofs": path[1],
+            "cpu_s": path[2],
+        }
+        row |= {"alone_solves": alone[0], "alone_dofs": alone[1], "alone_cpu_s": alone[2]}
+        yield row | {"ratio": path[2] / alone[2]}
+
+
+def main():
+    """Run the load paths and their last points, and write the table."""
+    tabulate(rows(), options(__doc__, "cost").parse_args().output / "sweeps.csv")
 
 
 if __name__ == "__main__":

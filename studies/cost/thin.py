@@ -7,9 +7,6 @@ aim at 0.9 and at all of them, and by a mesh that grows from tolerance to tolera
 onto a stop; "beam": 1:18, on four supports; "ring": 1:100, squeezed between two blocks.
 """
 
-import argparse
-from pathlib import Path
-
 import numpy as np
 
 from fx_contact import (
@@ -19,15 +16,14 @@ from fx_contact import (
     Material,
     Pressure,
     Scene,
-    SymmetryPlane,
     adapt,
     block,
     root_mesh_from_shapes,
 )
 from fx_contact.adaptive.beginning import Beginning
 from studies.runs import STAGES
-from studies.stability.shapes import DOWN, between, four_supports, held
-from studies.tables import plain, write
+from studies.stability.shapes import DOWN, between, four_supports, held, sides
+from studies.tables import options, tabulate
 
 #: Looser tolerances over the one that is asked for; those of the mesh that grows, each over the one before; and the
 #: unknowns with which it ends at the latest.
@@ -41,12 +37,11 @@ def plate(thick=1.0, half=50.0, cells=8):
     plate = plate.named("above", "bottom", where=lambda x: between(0, wide)(x) & between(0, wide, axis=1)(x))
     stop = block((0, 0, -wide), (wide, wide, 0), (1, 1, 1), 1).shifted(z=-0.01)
     mesh = root_mesh_from_shapes({"plate": plate, "stop": stop})
-    planes = [SymmetryPlane(f"{body} {side}") for body in mesh.bodies for side in ("left", "front")]
     return Scene(
         "plate",
         mesh,
         dict.fromkeys(mesh.bodies, Material(1.0, 0.3)),
-        (held("plate rim"), held("stop bottom"), *planes),
+        (held("plate rim"), held("stop bottom"), *sides(*mesh.bodies)),
         (ContactPair("plate above", "stop top", DOWN),),
         (Pressure("plate top", 2e-8),),
     )
@@ -64,12 +59,11 @@ def ring(radius=10.0, thick=0.1, wide=2.0, cells=32, order=4):
     base = block((0, 0, -1), (2, wide, 0), (2, 2, 1), order)
     base = base.placed(lambda x: (radius * np.sin(x[0] * angle / cells), x[1], x[2]))
     mesh = root_mesh_from_shapes({"ring": ring.placed(bent), "block": base})
-    planes = [SymmetryPlane(f"{body} {side}") for body in mesh.bodies for side in ("left", "front")]
     return Scene(
         "ring",
         mesh,
         dict.fromkeys(mesh.bodies, Material(1.0, 0.3)),
-        (held("block bottom", thick / 100), Dirichlet("ring right", z=0.0), *planes),
+        (held("block bottom", thick / 100), Dirichlet("ring right", z=0.0), *sides(*mesh.bodies)),
         (ContactPair("ring above", "block top", DOWN),),
     )
 
@@ -126,13 +120,10 @@ def measured(name):
 
 def main():
     """Measure; print the table and keep it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "cost")
     parser.add_argument("--scene", choices=SCENES, nargs="+", default=list(SCENES), help="(all)")
-    rows = []
-    for name in parser.parse_args().scene:
-        rows.append(measured(name))
-        write(Path("results/cost/thin.csv"), rows)
-    print(plain(rows))
+    given = parser.parse_args()
+    tabulate(map(measured, given.scene), given.output / "thin.csv")
 
 
 if __name__ == "__main__":

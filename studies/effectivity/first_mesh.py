@@ -9,9 +9,6 @@ cells refined, with its own estimate added in squares. Left out are uniform stre
 It leaves first_mesh.csv in results/effectivity.
 """
 
-import argparse
-from pathlib import Path
-
 import numpy as np
 from mpi4py import MPI
 
@@ -21,7 +18,7 @@ from fx_contact.results.accuracy import energy_distance
 from fx_contact.scenes import stack
 from studies.stability.scenes import cases
 from studies.stability.shapes import all_held, clamped
-from studies.tables import write
+from studies.tables import options, tabulate
 
 #: Axes of the matrix with the lowest effectivities.
 AXES = ("bodies",)
@@ -47,8 +44,8 @@ def of_the_matrix():
             yield name, case.scene(), case.tolerance
 
 
-def measured(scene, tolerance):
-    """The Step on the first mesh and its true error; None if the mesh is not enough or has no error."""
+def measured(name, scene, tolerance):
+    """The row of a first mesh and its true error; None if the mesh is not enough or has no error."""
     how = {"degree": 2, "max_steps": 1, "control": ErrorControl(least_effectivity=1.0)}
     (step,) = adapt(scene, tolerance, MPI.COMM_SELF, **how)
     missed = step.record.ratio > 1 or step.contact_error.leaves
@@ -56,26 +53,20 @@ def measured(scene, tolerance):
         return None
     beginning = Beginning.after(step, np.ones(len(step.forest), dtype=bool))
     (finer,) = adapt(scene, tolerance, MPI.COMM_SELF, beginning=beginning, **how)
-    return step, float(np.hypot(energy_distance(finer, finer.carried), finer.record.estimate))
+    true = float(np.hypot(energy_distance(finer, finer.carried), finer.record.estimate))
+    poisson = max(material.poisson for material in scene.materials.values())
+    row = {"scene": name, "poisson": poisson, "cells": step.record.cells, "tolerance": tolerance}
+    estimate = step.record.estimate
+    return row | {"estimate": estimate, "true_error": true, "effectivity": estimate / true}
 
 
 def main():
     """Measure and write the table."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--only", default="", help="scenes with this word in their name")
-    options.add_argument("--output", type=Path, default=Path("results/effectivity"), help="folder (%(default)s)")
-    given, rows = options.parse_args(), []
-    for name, scene, tolerance in (*columns(), *of_the_matrix()):
-        if given.only not in name:
-            continue
-        found = measured(scene, tolerance)
-        if found is not None:
-            (step, true), poisson = found, max(material.poisson for material in scene.materials.values())
-            estimate = step.record.estimate
-            row = {"scene": name, "poisson": poisson, "cells": step.record.cells, "tolerance": tolerance}
-            rows.append(row | {"estimate": estimate, "true_error": true, "effectivity": estimate / true})
-            print(f"{name:60} {poisson:5.2f} {estimate:8.3%} {true:8.3%} {estimate / true:6.3f}", flush=True)
-    write(given.output / "first_mesh.csv", rows)
+    parser = options(__doc__, "effectivity")
+    parser.add_argument("--only", default="", help="scenes with this word in their name")
+    given = parser.parse_args()
+    rows = (measured(*what) for what in (*columns(), *of_the_matrix()) if given.only in what[0])
+    tabulate(filter(None, rows), given.output / "first_mesh.csv")
 
 
 if __name__ == "__main__":

@@ -11,9 +11,7 @@ and open nodes meet.
 It leaves hertz_truth.csv in results/effectivity. `studies.work_precision.run` takes its true errors from the kept one.
 """
 
-import argparse
 from functools import partial
-from pathlib import Path
 
 import basix
 import numpy as np
@@ -27,7 +25,7 @@ from fx_contact import solve
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.scenes import hertz
 from studies.incompressible.axisymmetric import MOVED, half_disc, solved
-from studies.tables import write
+from studies.tables import options, tabulate
 
 #: By degree; the last one of degree 2 is for a true error of 0.1 %.
 TOLERANCES = {2: (0.08, 0.04, 0.028, 0.02, 0.014, 0.01, 0.007, 0.005, 0.003, 0.0014), 1: (0.16, 0.08, 0.04, 0.028)}
@@ -42,7 +40,7 @@ CHUNK = 1 << 17
 class Truth:
     """Strain of the axisymmetric solution."""
 
-    def __init__(self, cells, far, edge):
+    def __init__(self, cells, far=0.1, edge=None):
         self.mesh = half_disc(cells, far, edge)
         found, self.force, _ = solved(POISSON, self.mesh)
         displacement = found.sub(0).collapse()
@@ -158,21 +156,20 @@ def figures(step, truth):
 
 def main():
     """Solve and write the table."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--only", default="", help="lines with this word in their name")
-    options.add_argument("--cells", type=int, default=120, help="of the reference along the contact's radius")
-    options.add_argument("--far", type=float, default=0.0125, help="size of its cells far away")
-    options.add_argument("--edge", type=float, default=2e-5, help="size of its cells at the edge of the contact")
-    options.add_argument("--output", type=Path, default=Path("results/effectivity"), help="folder (%(default)s)")
-    given, rows = options.parse_args(), []
+    parser = options(__doc__, "effectivity")
+    parser.add_argument("--only", default="", help="lines with this word in their name")
+    parser.add_argument("--cells", type=int, default=120, help="of the reference along the contact's radius")
+    parser.add_argument("--far", type=float, default=0.0125, help="size of its cells far away")
+    parser.add_argument("--edge", type=float, default=2e-5, help="size of its cells at the edge of the contact")
+    given = parser.parse_args()
     truth = Truth(given.cells, given.far, given.edge)
     print(f"reference: force {truth.force:.6e}", flush=True)
-    for line, degree, tolerance, solved_case in cases():
-        if given.only not in line:
-            continue
-        rows.append({"line": line, "degree": degree, "tolerance": tolerance} | figures(solved_case(), truth))
-        print(*(f"{value:.4g}" if isinstance(value, float) else value for value in rows[-1].values()), flush=True)
-    write(given.output / "hertz_truth.csv", rows)
+    rows = (
+        {"line": line, "degree": degree, "tolerance": tolerance} | figures(solved_case(), truth)
+        for line, degree, tolerance, solved_case in cases()
+        if given.only in line
+    )
+    tabulate(rows, given.output / "hertz_truth.csv")
 
 
 if __name__ == "__main__":

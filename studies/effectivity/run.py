@@ -8,9 +8,7 @@ own estimate added in squares; of the manufactured solution the error is known.
 It leaves table.csv in results/effectivity.
 """
 
-import argparse
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -20,9 +18,7 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.estimate.marking import for_tolerance
 from fx_contact.results.accuracy import energy_distance
 from fx_contact.scenes import hertz, indentation
-from studies.tables import write
-
-COLUMNS = ("case", "degree", "cells", "dofs", "estimate", "true_error", "effectivity")
+from studies.tables import options, tabulate
 
 
 def plate(poisson=0.3, slender=20):
@@ -81,24 +77,25 @@ def cases():
     return result
 
 
+def rows(only, degrees, most):
+    """A row for each mesh of the cases with a word in their name."""
+    for name, figures in cases().items():
+        for degree in degrees if only in name else ():
+            for cells, dofs, estimate, true in figures(degree, most):
+                row = {"case": name, "degree": degree, "cells": cells, "dofs": dofs, "estimate": estimate}
+                yield row | {"true_error": true, "effectivity": estimate / true}
+
+
 def main():
     """Run the cases and write the table."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--only", default="", help="cases with this word in their name")
-    options.add_argument("--degree", type=int, choices=(1, 2), help="of the displacements (both)")
-    options.add_argument("--most", type=int, default=150_000, help="unknowns of a mesh, about (%(default)s)")
-    options.add_argument("--output", type=Path, default=Path("results/effectivity"), help="folder (%(default)s)")
-    given = options.parse_args()
-    rows = []
-    for name, figures in cases().items():
-        for degree in (1, 2) if given.degree is None else (given.degree,):
-            if given.only in name:
-                for cells, dofs, estimate, true in figures(degree, given.most):
-                    values = name, degree, cells, dofs, estimate, true, estimate / true
-                    rows.append(dict(zip(COLUMNS, values)))
-                    told = f"{estimate:7.2%} {true:7.2%} {estimate / true:6.3f}"
-                    print(f"{name:30} {degree} {dofs:9,} {told}", flush=True)
-    write(given.output / "table.csv", rows)
+    parser = options(__doc__, "effectivity")
+    parser.add_argument("--only", default="", help="cases with this word in their name")
+    parser.add_argument(
+        "--degree", type=int, choices=(1, 2), nargs=1, default=(1, 2), help="of the displacements (both)"
+    )
+    parser.add_argument("--most", type=int, default=150_000, help="unknowns of a mesh, about (%(default)s)")
+    given = parser.parse_args()
+    tabulate(rows(given.only, given.degree, given.most), given.output / "table.csv")
 
 
 if __name__ == "__main__":

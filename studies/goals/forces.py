@@ -7,13 +7,11 @@ the two finest runs of degree 2, as the error of a force falls with the square o
 forces.csv in results/goals.
 """
 
-import argparse
 from functools import partial
-from pathlib import Path
 
 from fx_contact import adapt, scenes
 from fx_contact.results.reference_values import REFERENCES
-from studies.tables import plain, write
+from studies.tables import options, tabulate
 
 SCENES = {"hertz": partial(scenes.hertz, order=6, coarse=2), "indentation": scenes.indentation, "punch": scenes.punch}
 RUNS = (1, 0.2), (1, 0.1), (2, 0.1), (2, 0.05), (2, 0.03)
@@ -50,13 +48,10 @@ def extrapolated(coarse: dict[str, float], fine: dict[str, float]) -> float:
 
 def main() -> None:
     """All scenes; print the table and keep it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "goals")
     parser.add_argument("--only", choices=SCENES, nargs="+", default=list(SCENES), help="scenes (all)")
-    parser.add_argument("--output", type=Path, default=Path("results/goals"))
-    arguments = parser.parse_args()
-    rows = [row for name in arguments.only for row in runs(name)]
-    write(arguments.output / "forces.csv", rows)
-    print(plain(rows))
+    given = parser.parse_args()
+    tabulate((row for name in given.only for row in runs(name)), given.output / "forces.csv")
 
 
 if __name__ == "__main__":

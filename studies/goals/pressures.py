@@ -7,10 +7,9 @@ edges, at degrees 1 and 2.  It leaves pressures.csv in results/goals; the radius
 pressure also where the records have none.
 """
 
-import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from pathlib import Path
+from itertools import product
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from fx_contact import (
     root_mesh_from_shapes,
     scenes,
 )
-from studies.tables import plain, write
+from studies.tables import options, tabulate
 
 PLAIN = Material(young=1.0, poisson=0.3)
 #: Tolerances by degree, and largest number of unknowns.
@@ -77,28 +76,25 @@ def radius_of(step: Step) -> float:
     return float(np.sqrt(2.5 * square @ step.contact.force / total)) if total else 0.0
 
 
+def rows() -> Iterator[dict[str, object]]:
+    """All meshes of all scenes, on one rank."""
+    for (name, make), (degree, tolerance) in product(SCENES.items(), TOLERANCES.items()):
+        before = 0.0
+        for step in adapt(replace(make(), name=name), tolerance, degree=degree, max_steps=8):
+            record, radius = step.record, radius_of(step)
+            hertz = 1.5 * record.force / (np.pi * radius**2) if radius else np.nan
+            row = {"scene": name, "degree": degree, "step": record.step, "dofs": record.dofs}
+            row |= {"closed": record.active_pairs, "pressure": record.max_pressure}
+            row |= {"growth": record.max_pressure / before - 1 if before else np.nan}
+            yield row | {"radius": radius, "over Hertz's": record.max_pressure / hertz}
+            before = record.max_pressure
+            if record.dofs > MOST:
+                break
+
+
 def main() -> None:
-    """Run all scenes, on one rank."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--output", type=Path, default=Path("results/goals"))
-    given = parser.parse_args()
-    rows = []
-    for name, make in SCENES.items():
-        for degree, tolerance in TOLERANCES.items():
-            before = 0.0
-            for step in adapt(replace(make(), name=name), tolerance, degree=degree, max_steps=8):
-                record, radius = step.record, radius_of(step)
-                hertz = 1.5 * record.force / (np.pi * radius**2) if radius else np.nan
-                row = {"scene": name, "degree": degree, "step": record.step, "dofs": record.dofs}
-                row |= {"closed": record.active_pairs, "pressure": record.max_pressure}
-                row |= {"growth": record.max_pressure / before - 1 if before else np.nan}
-                row |= {"radius": radius, "over Hertz's": record.max_pressure / hertz}
-                rows.append(row)
-                before = record.max_pressure
-                if record.dofs > MOST:
-                    break
-    write(given.output / "pressures.csv", rows)
-    print(plain(rows))
+    """Run all scenes; print the table and keep it."""
+    tabulate(rows(), options(__doc__, "goals").parse_args().output / "pressures.csv")
 
 
 if __name__ == "__main__":

@@ -7,9 +7,7 @@ as the pairs have them, has their force; a rigid ball has the change of its own 
 results/goals.
 """
 
-import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -26,7 +24,7 @@ from fx_contact import (
     solve,
 )
 from fx_contact.parallel.arrays import FloatArray
-from studies.tables import plain, write
+from studies.tables import options, tabulate
 
 #: Poisson's ratio and approach [m]; the balls have radius 1.
 CASES = (0.3, 0.01), (0.45, 0.01), (0.3, 0.0025)
@@ -75,19 +73,19 @@ def twins(poisson: float, approach: float, coarse: int = 3) -> dict[str, Scene]:
     }
 
 
+def measured(poisson: float, approach: float) -> dict[str, float]:
+    """A row of the table."""
+    scenes = twins(poisson, approach)
+    records = {name: solve(scene, TOLERANCE, degree=DEGREE).record for name, scene in scenes.items()}
+    force = {name: record.force / records["stiff"].force - 1 for name, record in records.items()}
+    row = {"poisson": poisson, "approach": approach, "radius": records["rigid ball"].contact_radius}
+    return row | {"ball": force["rigid ball"], "surface": force["rigid surface"]}
+
+
 def main() -> None:
     """All cases; print the table and keep it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=Path("results/goals"))
-    arguments, rows = parser.parse_args(), []
-    for poisson, approach in CASES:
-        scenes = twins(poisson, approach)
-        records = {name: solve(scene, TOLERANCE, degree=DEGREE).record for name, scene in scenes.items()}
-        force = {name: record.force / records["stiff"].force - 1 for name, record in records.items()}
-        row = {"poisson": poisson, "approach": approach, "radius": records["rigid ball"].contact_radius}
-        rows.append(row | {"ball": force["rigid ball"], "surface": force["rigid surface"]})
-    write(arguments.output / "rigid_twins.csv", rows)
-    print(plain(rows))
+    given = options(__doc__, "goals").parse_args()
+    tabulate((measured(*case) for case in CASES), given.output / "rigid_twins.csv")
 
 
 if __name__ == "__main__":

@@ -12,9 +12,7 @@ Then the gap at the rim of the receding layers and largest pressures are asked f
 degree 2. It leaves table.csv and asked.csv in results/goals.
 """
 
-import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -38,7 +36,7 @@ from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import cylinders, hertz
 from studies.goals.axisymmetric_punch import LARGEST_PRESSURE
 from studies.goals.rounded_punch import rounded_punch
-from studies.tables import write
+from studies.tables import options, tabulate
 
 #: Tolerances of the energy error, and that of the finer solution.
 TOLERANCES, FINER = (0.2, 0.1, 0.05), 0.01
@@ -157,9 +155,9 @@ def known_values(scene, goals, known):
     return [goal.value if value is None else value for goal, value in zip(finer, known)]
 
 
-def figures(make, degree):
+def figures(scene_name, degree):
     """Rows of a scene: each mesh, each goal."""
-    scene, goals = make()
+    scene, goals = SCENES[scene_name]()
     asked = tuple(goal for goal, _ in goals.values())
     known = [value for _, value in goals.values()]
     known = known_values(scene, asked, known)
@@ -168,6 +166,7 @@ def figures(make, degree):
         for name, goal, value in zip(goals, record.goals, known):
             true = abs(goal.value - value)
             yield {
+                "scene": scene_name,
                 "goal": name,
                 "degree": degree,
                 "cells": record.cells,
@@ -202,29 +201,18 @@ def asked(name, what, energy, tolerances):
 
 def main():
     """Run the scenes and write the tables."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--only", default="", help="scenes with this word in their name")
-    options.add_argument("--degree", type=int, choices=(1, 2), help="of the displacements (both)")
-    options.add_argument("--output", type=Path, default=Path("results/goals"), help="folder (%(default)s)")
-    given = options.parse_args()
-    rows = []
-    for name, make in SCENES.items():
-        for degree in (2, 1) if given.degree is None else (given.degree,):
-            if given.only in name and (degree == 2 or name not in QUADRATIC):
-                for row in figures(make, degree):
-                    rows.append({"scene": name} | row)
-                    print(
-                        *(f"{v:.5g}" if isinstance(v, float) else v for v in rows[-1].values()), sep="  ", flush=True
-                    )
-    write(given.output / "table.csv", rows)
-    rows = []
-    for name, *of_scene in ASKED if given.degree != 1 else ():
-        if given.only in name:
-            for row in asked(name, *of_scene):
-                rows.append(row)
-                print(*(f"{v:.4g}" if isinstance(v, float) else v for v in row.values()), sep="  ", flush=True)
-    if rows:
-        write(given.output / "asked.csv", rows)
+    parser = options(__doc__, "goals")
+    parser.add_argument("--only", default="", help="scenes with this word in their name")
+    parser.add_argument(
+        "--degree", type=int, choices=(1, 2), nargs=1, default=(2, 1), help="of the displacements (both)"
+    )
+    given = parser.parse_args()
+    cases = [(name, degree) for name in SCENES for degree in given.degree if given.only in name]
+    cases = [(name, degree) for name, degree in cases if degree == 2 or name not in QUADRATIC]
+    tabulate((row for case in cases for row in figures(*case)), given.output / "table.csv")
+    if 2 in given.degree:
+        goals = [case for case in ASKED if given.only in case[0]]
+        tabulate((row for case in goals for row in asked(*case)), given.output / "asked.csv")
 
 
 if __name__ == "__main__":

@@ -7,17 +7,16 @@
 Each run is a process of its own, on one rank.
 """
 
-import argparse
 import json
-import subprocess
-import sys
+from itertools import product
 from pathlib import Path
 
 from fx_contact import Material, adapt
 from fx_contact.fem import elasticity
 from fx_contact.scenes import hertz, indentation, stack
+from studies.runs import by_itself
 from studies.stability.shapes import clamped
-from studies.tables import plain, read, write
+from studies.tables import options, plain, read, tabulate
 
 RATIOS = (0.3, 0.45, 0.49, 0.499, 0.4999, 0.49999)
 HERE = Path(__file__).parent
@@ -80,26 +79,20 @@ def with_reference(row):
 
 def main():
     """All runs, one after the other."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "incompressible")
     parser.add_argument("--only", help="one run: scene and Poisson's ratio; its row is printed")
     parser.add_argument("--matrix", type=float, nargs="+", help="Poisson's ratios of the matrix of the mixed form")
-    parser.add_argument("--output", type=Path, default=Path("results/incompressible"))
-    arguments = parser.parse_args()
-    if arguments.matrix:
-        print(plain([{"of the matrix": ratio} | with_matrix(ratio) for ratio in arguments.matrix]))
+    given = parser.parse_args()
+    if given.matrix:
+        print(plain([{"of the matrix": ratio} | with_matrix(ratio) for ratio in given.matrix]))
         return
-    if arguments.only:
-        name, _, poisson = arguments.only.rpartition(" ")
+    if given.only:
+        name, _, poisson = given.only.rpartition(" ")
         print(json.dumps(measured(name, float(poisson))))
         return
-    rows = []
-    for name in SCENES:
-        for poisson in RATIOS:
-            program = [sys.executable, "-m", "studies.incompressible.run", "--only", f"{name} {poisson}"]
-            said = subprocess.run(program, capture_output=True, text=True, check=True).stdout
-            rows.append(with_reference(json.loads(said.splitlines()[-1])))
-            print(plain(rows[-1:]).splitlines()[-1], flush=True)
-            write(arguments.output / "table.csv", rows)
+    cases = (f"{name} {poisson}" for name, poisson in product(SCENES, RATIOS))
+    rows = (with_reference(by_itself("studies.incompressible.run", "--only", case)) for case in cases)
+    tabulate(rows, given.output / "table.csv")
 
 
 if __name__ == "__main__":

@@ -3,23 +3,19 @@
     python3 -m studies.layers.axisymmetric
 
 Quadratic quadrilaterals in the half plane (r, z), graded towards the contact, the surface and the interface; nodes of
-the surface against the sphere, an active set around a direct solver.  No part of it is the package's.
+the surface against the sphere.  No part of it is the package's.
 """
 
-import argparse
-from pathlib import Path
+from itertools import product
 
 import numpy as np
-import ufl
-from basix.ufl import element
 from dolfinx import fem
-from dolfinx.fem.petsc import assemble_matrix
 from dolfinx.mesh import CellType, create_rectangle
 from mpi4py import MPI
-from scipy.sparse import csr_matrix
-from scipy.sparse.linalg import splu
+from scipy.sparse import identity
 
-from studies.tables import write
+from studies.axisymmetric import lame, pressed, stiffness
+from studies.tables import options, tabulate
 
 #: Of the cylinder, its radius and height; modulus and Poisson's ratio of the substrate, Poisson's ratio of the coating.
 SIZE, YOUNG, POISSON, COATING_POISSON = 1.0, 1.0, 0.3, 0.3
@@ -64,8 +60,7 @@ def section(width: float, cells: int):
 def solved(ratio: float, width: float, cells: int) -> tuple[float, float]:
     """The force, and the radius of the last closed node."""
     mesh = section(width, cells)
-    space = fem.functionspace(mesh, element("Lagrange", "quadrilateral", 2, shape=(2,)))
-    x, (u, v) = ufl.SpatialCoordinate(mesh), (ufl.TrialFunction(space), ufl.TestFunction(space))
+    space = fem.functionspace(mesh, ("Lagrange", 2, (2,)))
 
     def coefficient(coating, substrate):
         """Constant in the coating and in the substrate."""
@@ -73,59 +68,28 @@ def solved(ratio: float, width: float, cells: int) -> tuple[float, float]:
         function.interpolate(lambda x: np.where(x[1] > -THICKNESS, coating, substrate))
         return function
 
-    young, poisson = coefficient(ratio * YOUNG, YOUNG), coefficient(COATING_POISSON, POISSON)
-    shear = young / (2 * (1 + poisson))
-    first = 2 * shear * poisson / (1 - 2 * poisson)
-
-    def strain(w):
-        """That of an axisymmetric displacement."""
-        plane = ufl.sym(ufl.grad(w))
-        return ufl.as_tensor([[plane[0, 0], plane[0, 1], 0], [plane[1, 0], plane[1, 1], 0], [0, 0, w[0] / x[0]]])
-
-    stress = first * ufl.tr(strain(u)) * ufl.Identity(3) + 2 * shear * strain(u)
-    form = 2 * np.pi * ufl.inner(stress, strain(v)) * x[0] * ufl.dx(metadata={"quadrature_degree": 6})
-    stiffness = assemble_matrix(fem.form(form))
-    stiffness.assemble()
+    matrix = stiffness(space, *lame(coefficient(ratio * YOUNG, YOUNG), coefficient(COATING_POISSON, POISSON)))
     place = space.tabulate_dof_coordinates()[:, :2]
     held = np.stack([place[:, 0] < 1e-12, place[:, 1] < 1e-9 - SIZE], axis=1).ravel()
     radius, depth = sphere(width)
     near = np.flatnonzero((place[:, 1] > -1e-12) & (place[:, 0] < 2 * width * THICKNESS))
     gap = radius - np.sqrt(radius**2 - place[near, 0] ** 2) - depth
-    matrix = csr_matrix(stiffness.getValuesCSR()[::-1], shape=stiffness.getSize())
-    return _pressed(matrix, held, 2 * near + 1, gap, place[near, 0])
-
-
-def _pressed(matrix, held, dofs, gap, r):
-    """Force and radius of the last closed node: u_z <= gap at the dofs of the surface, by their compliance."""
-    free = np.flatnonzero(~held)
-    place = np.searchsorted(free, dofs)
-    loads = np.zeros((len(free), len(dofs)))
-    loads[place, range(len(dofs))] = 1.0
-    compliance = splu(matrix[free][:, free].tocsc()).solve(loads)[place]
-    closed = gap < 0
-    for _ in range(50):
-        force = np.zeros(len(dofs))
-        force[closed] = -np.linalg.solve(compliance[np.ix_(closed, closed)], gap[closed])
-        wanted = np.where(closed, force > 0, -compliance @ force > gap)
-        if (wanted == closed).all():
-            return force.sum(), r[closed].max()
-        closed = wanted
-    raise RuntimeError("the active set does not settle")
+    _, force = pressed(matrix, held, identity(len(held), format="csr")[2 * near + 1], gap, gap < 0)
+    return force.sum(), place[near, 0][force > 0].max()
 
 
 def main():
     """Forces on meshes, each twice as fine."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "layers")
     parser.add_argument("--cells", type=int, nargs="+", default=[10, 20, 40], help="along the contact's radius")
-    parser.add_argument("--output", type=Path, default=Path("results/layers"))
-    arguments, rows = parser.parse_args(), []
-    for width in WIDTHS:
-        for ratio in RATIOS:
-            for cells in arguments.cells:
-                force, radius = solved(ratio, width, cells)
-                rows.append({"width": width, "ratio": ratio, "cells": cells, "force": force, "radius": radius})
-                print(rows[-1], flush=True)
-    write(arguments.output / "axisymmetric.csv", rows)
+    given = parser.parse_args()
+
+    def rows():
+        for width, ratio, cells in product(WIDTHS, RATIOS, given.cells):
+            force, radius = solved(ratio, width, cells)
+            yield {"width": width, "ratio": ratio, "cells": cells, "force": force, "radius": radius}
+
+    tabulate(rows(), given.output / "axisymmetric.csv")
 
 
 if __name__ == "__main__":

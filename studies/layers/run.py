@@ -7,11 +7,7 @@ The coating has a thousandth of the cylinder's size.  "graded" root cells grow f
 "flat" ones have one size, 1:250 in the coating.
 """
 
-import argparse
-from pathlib import Path
-
 import numpy as np
-from mpi4py import MPI
 
 from fx_contact import (
     ContactForce,
@@ -28,7 +24,7 @@ from fx_contact import (
     root_mesh_from_shapes,
 )
 from studies.layers.axisymmetric import COATING_POISSON, POISSON, RATIOS, SIZE, THICKNESS, WIDTHS, YOUNG, sphere
-from studies.tables import TOP, plain, read, write
+from studies.tables import TOP, options, read, tabulate
 
 #: Order of the cells; tolerance of the force.
 ORDER, FORCE = 2, 2e-3
@@ -112,18 +108,13 @@ def measured(width, ratio, root, tolerance):
 
 def main():
     """Measure; print the table, and keep that of one rank."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "layers")
     parser.add_argument("--only", type=float, nargs="+", choices=RATIOS, default=RATIOS, help="ratios of moduli")
     parser.add_argument("--tolerance", type=float, default=0.05, help="of the energy norm (%(default)s)")
-    arguments, rows = parser.parse_args(), []
+    given = parser.parse_args()
     points = [(width, ratio, "graded") for width in WIDTHS for ratio in RATIOS] + [(*pair, "flat") for pair in FLAT]
-    for point in points:
-        if point[1] in arguments.only:
-            rows.append(measured(*point, arguments.tolerance))
-            if MPI.COMM_WORLD.size == 1:
-                write(Path("results/layers/table.csv"), rows)
-    if MPI.COMM_WORLD.rank == 0:
-        print(plain(rows))
+    rows = (measured(*point, given.tolerance) for point in points if point[1] in given.only)
+    tabulate(rows, given.output / "table.csv")
 
 
 if __name__ == "__main__":

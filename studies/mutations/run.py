@@ -1,10 +1,10 @@
 """The share of drawn small mistakes in the package that the tests notice.
 
-    ./with-dolfinx python3 -m studies.mutations.run [--count N] [--seed N] [--only WORD ...] [--jobs N] [--rest]
+    ./with-dolfinx python3 -m studies.mutations.run [--count N] [--seed N] [--only WORD ...] [--jobs N]
 
 Each mistake is made in a copy of the tree.  The tests that run its line judge it, which `--map` notes: those of the
-module's own room first, the fastest first, for a minute; `--rest` runs the others, and those that start programs,
-on what survives.  Results are appended to `results/mutations/draws.jsonl`; a call goes on where the last one ended.
+module's own room first, the fastest first, for a minute.  Results are appended to `results/mutations/draws.jsonl`; a
+call goes on where the last one ended.
 """
 
 import argparse
@@ -23,6 +23,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -33,11 +34,8 @@ from studies.mutations.table import table
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = "src/fx_contact"
 RESULTS = ROOT / "results" / "mutations"
-#: Seconds of tests on a mistake at first, by the map; seconds that a test may take beside five times those of the map.
+#: Seconds of tests on a mistake, by the map; seconds that a test may take beside five times those of the map.
 BUDGET, PATIENCE = 60.0, 40.0
-#: Tests that start programs, whose lines the map does not have.
-PROGRAMS = ("tests/demos", "tests/studies", "tests/package", "tests/scenes/test_ready_scenes.py")
-PROGRAMS += ("tests/linalg/test_petsc_options.py", "tests/parallel/test_meeting.py")
 _GONE = "no test has the names of the map"
 #: A module with one of these words is judged on two ranks too.
 _COMMUNICATES = re.compile(r"\bcomm\b|\bMPI\b")
@@ -104,24 +102,24 @@ def difference(mutation: Mutation) -> list[str]:
     return [line for line in lines if not line.startswith(("---", "+++"))]
 
 
-def outcome(tree: Path, ranks: int, tests: list[tuple[str, float]], more: Iterable[str] = ()) -> tuple[bool, str]:
+def outcome(tree: Path, ranks: int, tests: list[tuple[str, float]]) -> tuple[bool, str]:
     """Whether a test fails in a tree, and its name or the last line of what pytest says.
 
     A wait without end that no limit of a test ends is not noticed.
     """
-    if not tests and not more:
+    if not tests:
         return False, "no test runs it"
-    limit = PATIENCE + 5 * max((seconds for _, seconds in tests), default=60.0)
+    limit = PATIENCE + 5 * max(seconds for _, seconds in tests)
     command = ["mpirun", "-n", str(ranks), sys.executable, "-m", "pytest"]
     command += "-x -q --color=no --tb=no -rfE -p no:cacheprovider".split()
-    command += [f"--limit={limit}", *(name for name, _ in tests), *more]
+    command += [f"--limit={limit}", *(name for name, _ in tests)]
     environment = os.environ | {"PYTHONPATH": str(tree / "src")}
     with tempfile.TemporaryFile("w+") as said:
         process = subprocess.Popen(
             command, cwd=tree, env=environment, start_new_session=True, stdout=said, stderr=subprocess.STDOUT
         )
         try:
-            code = process.wait(5 * limit + 5 * sum(seconds for _, seconds in tests) + (1200 if more else 0))
+            code = process.wait(5 * limit + 5 * sum(seconds for _, seconds in tests))
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
@@ -134,7 +132,7 @@ def outcome(tree: Path, ranks: int, tests: list[tuple[str, float]], more: Iterab
     return code != 0, names[-1] if names else "\n".join(text.splitlines()[-3:])
 
 
-def judged(mutation: Mutation, tree: Path, rest: bool) -> dict[str, Any]:
+def judged(mutation: Mutation, tree: Path) -> dict[str, Any]:
     """What comes of a mistake: an entry of the results."""
     path = tree / PACKAGE / mutation.file
     text, start = path.read_text(), time.monotonic()
@@ -142,20 +140,14 @@ def judged(mutation: Mutation, tree: Path, rest: bool) -> dict[str, Any]:
     noticed, by, ranks = False, "", 1
     try:
         for ranks in (1, 2) if _COMMUNICATES.search(text) else (1,):
-            tests, spent = Map.load(ranks).judges(mutation), 0.0
-            chosen, others = list[tuple[str, float]](), list[tuple[str, float]]()
-            for name, seconds in tests:
-                (chosen if spent < BUDGET else others).append((name, seconds))
-                spent += seconds
-            if rest:
-                noticed, by = outcome(tree, ranks, others, PROGRAMS if ranks == 1 else ())
-            else:
-                noticed, by = outcome(tree, ranks, chosen)
+            tests = Map.load(ranks).judges(mutation)
+            before = accumulate((seconds for _, seconds in tests), initial=0.0)
+            noticed, by = outcome(tree, ranks, [test for test, spent in zip(tests, before) if spent < BUDGET])
             if noticed:
                 break
     finally:
         path.write_text(text)
-    entry = {"mutation": str(mutation), "operator": mutation.operator, "file": mutation.file, "rest": rest}
+    entry = {"mutation": str(mutation), "operator": mutation.operator, "file": mutation.file}
     entry |= {"noticed": noticed, "by": by, "ranks": ranks, "seconds": round(time.monotonic() - start, 1)}
     return entry | {"difference": difference(mutation)}
 
@@ -183,7 +175,7 @@ def _copy(folder: Path, example: list[Mutation]) -> Path:
     return tree
 
 
-def study(mutations: list[Mutation], jobs: int, rest: bool) -> None:
+def study(mutations: list[Mutation], jobs: int) -> None:
     """Judge mistakes, several at a time, each in a tree of its own, and append the results."""
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as pool:
         trees: SimpleQueue[Path] = SimpleQueue()
@@ -193,7 +185,7 @@ def study(mutations: list[Mutation], jobs: int, rest: bool) -> None:
         def one(mutation: Mutation) -> None:
             tree = trees.get()
             try:
-                entry = judged(mutation, tree, rest)
+                entry = judged(mutation, tree)
             finally:
                 trees.put(tree)
             with (RESULTS / "draws.jsonl").open("a") as file:
@@ -221,8 +213,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="of the draw (default 1)")
     parser.add_argument("--only", nargs="+", default=(), metavar="WORD", help="files below the package that begin so")
     parser.add_argument("--jobs", type=int, default=2, help="mistakes at a time (default 2)")
-    parser.add_argument("--rest", action="store_true", help="run all other tests on what survives")
-    parser.add_argument("--again", action="store_true", help="judge again what survived before")
     parser.add_argument("--list", action="store_true", help="show the mistakes and make none")
     parser.add_argument("--map", nargs="*", metavar="ARGUMENT", help="run the tests and note the lines of each")
     options = parser.parse_args()
@@ -235,12 +225,7 @@ def main() -> None:
         return None
     if not list(RESULTS.glob("tests-1-*.json")):
         note([])
-    survives = {name for name, entry in done.items() if not entry["noticed"]}
-    first = [one for one in drawn if str(one) not in done or (options.again and str(one) in survives)]
-    study(first, options.jobs, rest=False)
-    if options.rest:
-        done = known()
-        study([one for one in drawn if not (done[str(one)]["noticed"] or done[str(one)]["rest"])], options.jobs, True)
+    study([one for one in drawn if str(one) not in done], options.jobs)
     done = known()
     print(table([done[str(one)] for one in drawn]))
     return None

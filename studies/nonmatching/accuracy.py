@@ -5,11 +5,9 @@
 It leaves accuracy.csv in results/nonmatching.  Exact pressures: Lame's hollow spheres; HERTZ-A (`results.hertz_a`).
 """
 
-import argparse
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +31,7 @@ from fx_contact import (
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.results import true_error
 from fx_contact.results.reference_values import hertz_a
-from studies.tables import plain, write
+from studies.tables import options, tabulate
 
 PLANES = "x = 0", "y = 0", "z = 0"
 #: Angle between the meshes of the half-spheres [degrees].
@@ -179,13 +177,7 @@ def rows(cases: Iterable[Case], comm: MPI.Intracomm) -> Iterator[dict[str, objec
 
 def main() -> None:
     """All cases; print the table and keep it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=Path("results/nonmatching"))
-    arguments = parser.parse_args()
-    found = list(rows(CASES, MPI.COMM_WORLD))
-    if MPI.COMM_WORLD.rank == 0:
-        write(arguments.output / "accuracy.csv", found)
-        print(plain(found))
+    tabulate(rows(CASES, MPI.COMM_WORLD), options(__doc__, "nonmatching").parse_args().output / "accuracy.csv")
 
 
 if __name__ == "__main__":

@@ -128,9 +128,9 @@ def study(arguments):
     made_by = f"mpirun -n {COMM.size} python3 -m studies.partition.run" + " --large" * large
 
     def keep(name, rows):
-        """Write rows to NAME.csv, and show them as the page does."""
+        """Write rows to NAME.csv, and show them."""
         tables.write(folder / f"{name}.csv", rows, made_by)
-        print(tables.TABLES[f"studies/partition/{name}.csv"](rows), flush=True)
+        print(tables.plain(rows), flush=True)
 
     tables.write(folder / "quality.csv", rows, made_by)
     keep("table", list(table(rows)))

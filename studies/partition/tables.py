@@ -6,36 +6,6 @@ OTHERS = ("graph", "sfc", "equidistributed")
 SHOWN = (8, 32, 128, 512, 1024, 2048, 8192)
 
 
-#: Columns of the pages.
-PARTITION = {
-    "benchmark": "{benchmark}",
-    "parts": "{parts:d}",
-    "leaves a part": "{leaves_per_part:,}",
-    "cut facets, graph": "{cut_facets_graph:,}",
-    "contact-sfc": "{cut_contact-sfc:.2f}",
-    "sfc": "{cut_sfc:.2f}",
-    "equidistributed": "{cut_equidistributed:.2f}",
-    "split pairs, sfc": "{split_pairs_sfc:,}",
-    "imbalance, graph": "{imbalance_graph:.3f}",
-    "imbalance, equidistributed": "{imbalance_equidistributed:.3f}",
-}
-MODEL = {
-    "benchmark": "{benchmark}",
-    "processors": "{parts:d}",
-    "contact-sfc": "{total_ms:,.0f}",
-    "gain": ("{gain:.2f}", ""),
-    **{kind: f"{{{kind}_ms:,.0f}}" for kind in ("sfc", "graph", "equidistributed")},
-}
-KERNELS = {
-    "tree": "{tree:.1f}",
-    "assemble": "{assemble:.1f}",
-    "estimate": "{estimate:.1f}",
-    "set-up": "{setup:.2g}",
-    "product": "{product:.2g}",
-    "cycle": "{cycle:.2g}",
-}
-
-
 def model(predictions, dofs):
     """Predicted seconds of an adaptive step, of contact-sfc by stage: a row each benchmark and number of processors.
 

@@ -57,6 +57,12 @@ class Twin:
     held: bool = False
 
 
+#: Twins on another mesh, whose own error is at most a quarter of the square asked for, where edges are singular, and
+#: 0.09 of it elsewhere.
+SHARP = {"same_mesh": False, "same_contact": False, "tolerance": 0.5}
+SMOOTH = SHARP | {"tolerance": 0.3}
+
+
 @dataclass(frozen=True)
 class Case:
     """One scene of the matrix.

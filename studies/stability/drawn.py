@@ -6,22 +6,17 @@ Each is compared with a known answer, or with a run on other cells to 0.3 of the
 
 from functools import partial
 
-import numpy as np
-
 from fx_contact import Material
 from fx_contact.scenes import punch
 from studies.stability import draws
-from studies.stability.cases import Case, Twin
+from studies.stability.cases import Case
 from studies.stability.references import hertz_force, stack_force, stack_pressed
 from studies.stability.shapes import beam, corner, films, on_a_base, on_block, plate_over_a_stop
 from studies.stability.twins import swapped
 
-#: Of the random numbers, and how many scenes of each family.
-_SEED, _EACH = 2026, 6
-
 
 def drawn():
-    """Yields Case."""
+    """Cases, six of each family."""
     families = (
         _round,
         _crests,
@@ -34,28 +29,17 @@ def drawn():
         _spheres,
         _films,
     )
-    for number, family in enumerate(families):
-        rng = np.random.default_rng([_SEED, number])
-        for k in range(_EACH):
-            row, *what = family(rng)
-            yield Case("drawn", row, str(k + 1), *what)
+    return (Case("drawn", row, str(k), *what) for _, k, (row, *what) in draws.draw(2026, 6, families))
 
 
-def _compared(scene, twin, curved=False):
-    return scene, Twin(twin, same_mesh=False, same_contact=False, tolerance=0.3, curved=curved, each=True)
+def _compared(scene, twin, **how):
+    return draws.compared(scene, twin, **{"tolerance": 0.16} | how)
 
 
 def _round(rng):
     """A body of two curvatures on a block; its pole is anywhere."""
-    x, y, curvature = rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), draws.decades(rng, -1.2, -0.8)
-    ratio, depth = rng.uniform(1.0, 3.0), draws.decades(rng, -3.5, -2)
-    both, cells = (draws.material(rng), draws.material(rng)), draws.count(rng, 2, 4)
-
-    def height(here, there):
-        return curvature / 2 * ((here - x) ** 2 + ratio * (there - y) ** 2)
-
-    one, other = (partial(on_block, "body", height, n, 2, depth, both) for n in (cells, cells + 1))
-    return "round body", *_compared(one, other, curved=True)
+    scene, cells = draws.round_body(rng, -3.5), draws.count(rng, 2, 4)
+    return "round body", *_compared(partial(scene, cells=cells), partial(scene, cells=cells + 1), curved=True)
 
 
 def _crests(rng, pairs=1):
@@ -71,7 +55,7 @@ def _crests(rng, pairs=1):
         return high * ((x / middle) ** 2 - 1) ** 2 + slope * (1 - x / middle) / 2 + y**2 / 8
 
     one, other = (partial(on_block, "body", height, n, 4, depth, both, pairs) for n in (2, 4))
-    return f"two crests, {pairs} pair{'s' * (pairs > 1)}", *_compared(one, other, curved=True), 0.25
+    return f"two crests, {pairs} pair{'s' * (pairs > 1)}", *_compared(one, other, curved=True, tolerance=0.25)
 
 
 def _beam(rng):

@@ -12,6 +12,7 @@ from fx_contact import (
     Material,
     Pressure,
     RigidCylinder,
+    RigidMotion,
     RigidPlane,
     Scene,
     SymmetryPlane,
@@ -24,15 +25,10 @@ from fx_contact import (
     root_mesh_from_shapes,
     solve,
 )
-from studies.stability.shapes import DOWN, PLAIN, UP, between, held
+from studies.stability.shapes import DOWN, PLAIN, UP, between, held, sides
 
 #: Width of a block that overhangs another one [m].
 _WIDE = 1.3
-
-
-def sides(*bodies):
-    """Symmetry planes at the left and front sides of bodies."""
-    return tuple(SymmetryPlane(f"{body} {side}") for body in bodies for side in ("left", "front"))
 
 
 def cubes(upper, lower, materials=(PLAIN, PLAIN), displacement=0.0, pressure=0.0, twist=0.0, moved=0.0):
@@ -220,16 +216,19 @@ def shrunk(interference):
     return Scene("shrunk", mesh, {"ring": PLAIN}, planes, contact, symmetry=4)
 
 
-def settled(make, tolerance=0.1):
-    """The scene with its obstacles held where their forces have moved them to, by a run of degree 2."""
+def prescribed(make, tolerance=0.1):
+    """The scene with obstacles and rigid faces moved as their forces have moved them, by a run of degree 2."""
     scene = make()
-    step = solve(scene, tolerance, MPI.COMM_SELF, degree=2)
-    motions = step.record.motions
-    contact = (
+    motions = solve(scene, tolerance, MPI.COMM_SELF, degree=2).record.motions
+    contact = [
         replace(pair, force=None, direction=tuple(pair.unit_direction.tolist())) if pair.name in motions else pair
         for pair in scene.approached(motions).contact
-    )
-    return replace(scene, contact=tuple(contact))
+    ]
+    conditions = list(scene.dirichlet)
+    for load in scene.rigid_loads:
+        motion = motions[load.surface]
+        conditions.append(RigidMotion(load.surface, tuple(motion[:3]), tuple(motion[3:]), load.point))
+    return replace(scene, contact=contact, dirichlet=conditions, rigid_loads=())
 
 
 def bar(cells, load, materials=(PLAIN, PLAIN), gap=None):

@@ -14,15 +14,9 @@ from fx_contact.results.analytic import Hertz
 from studies.nonmatching.accuracy import spheres
 from studies.stability import draws
 from studies.stability import interface_shapes as shapes
-from studies.stability.cases import Case, Exact, Twin, exponent
-from studies.stability.shapes import PLAIN, UP, bump, on_block
+from studies.stability.cases import SHARP, SMOOTH, Case, Exact, Twin, exponent
+from studies.stability.shapes import PLAIN, UP, bump
 
-#: Of the random numbers, and how many scenes of each family.
-_SEED, _EACH = 2050, 4
-#: Twins on another mesh, whose own error is at most a quarter of the square asked for, where edges are singular, and
-#: 0.09 of it elsewhere.
-SHARP = {"same_mesh": False, "same_contact": False, "tolerance": 0.5}
-SMOOTH = SHARP | {"tolerance": 0.3}
 #: Modulus of a body as good as rigid.
 RIGID = Material(1e6, 0.3)
 
@@ -116,7 +110,7 @@ def obstacles():
     yield Case(axis, "round", "sphere", make, _hertz(1e-3, modulus))
     for force in (1e-4, 4e-3):
         make = partial(shapes.below, sphere, 3, force=(0.0, 0.0, -force))
-        twin = Twin(partial(shapes.settled, make, 0.05), curved=True, **SHARP)
+        twin = Twin(partial(shapes.prescribed, make, 0.05), curved=True, **SHARP)
         yield Case(axis, "round", f"force {exponent(force)}", make, twin, tolerance=0.1)
     # Lame: u = p (1 + nu) / E ((1 - 2 nu) a^2 + b^2) a / (b^2 - a^2)
     pressure = 1e-3 / 1.3 * 3 / (0.4 + 4)
@@ -131,44 +125,33 @@ def obstacles():
 
 
 def ties():
-    """Parts meshed apart that are tied, alone and beside contact."""
-
-    def case(value, make, known, tolerance=0.25):
-        return Case("ties", "tied", value, make, known, tolerance)
-
+    """Parts meshed apart that are tied, alone and beside contact; the tolerance is 0.25 if no other one is given."""
     for ratio, cells in ((50.0, (2, 3)), (1e4, (4, 1))):
         both = Material(1.0, 0.0), Material(ratio, 0.0)
         stored = Exact(energy=1e-3**2 * 2 * (1 + 1 / ratio), linear=True)  # springs in series
-        yield case(f"E {exponent(ratio)}", partial(shapes.bar, cells, (1e-3, 0.0, 0.0), both), stored)
+        yield f"E {exponent(ratio)}", partial(shapes.bar, cells, (1e-3, 0.0, 0.0), both), stored
     whole, halves = partial(shapes.bar, (2,)), partial(shapes.bar, (2, 3))
     load = 1e-4, 1e-4, 2e-4
-    yield case("bent", partial(halves, load), Twin(partial(whole, load), **SHARP))
+    yield "bent", partial(halves, load), Twin(partial(whole, load), **SHARP)
     load = 0.0, 1e-4, -2e-4
-    yield case("stop", partial(halves, load, gap=0.02), Twin(partial(whole, load, gap=0.02), **SHARP))
-    yield case("bracket", partial(shapes.bracket, True), Twin(partial(shapes.bracket, False), **SHARP))
-    yield case("stamp", partial(shapes.stamp, (3, 4, 2)), Twin(partial(shapes.stamp, None), **SHARP))
+    yield "stop", partial(halves, load, gap=0.02), Twin(partial(whole, load, gap=0.02), **SHARP)
+    yield "bracket", partial(shapes.bracket, True), Twin(partial(shapes.bracket, False), **SHARP)
+    yield "stamp", partial(shapes.stamp, (3, 4, 2)), Twin(partial(shapes.stamp, None), **SHARP)
     moduli = 1.0, 10.0, 3.0, 30.0
     stored = Exact(energy=sum(0.01**2 / young for young in moduli), linear=True)
-    yield case("layers", partial(shapes.layers, moduli, 0.01), stored)
+    yield "layers", partial(shapes.layers, moduli, 0.01), stored
 
     def tied_spheres():
         return replace(spheres(2, 3), contact=(), ties=(Tie("inner outside", "outer inside"),))
 
     energy = 25.0**2 * _swelling(20, 40) * 4 * np.pi * 20**2 / 8
-    yield case("shells", tied_spheres, Exact(energy=energy, unsure=1e-5), 0.16)
+    yield "shells", tied_spheres, Exact(energy=energy, unsure=1e-5), 0.16
 
 
 def drawn_apart():
-    """Yields Case: twenty scenes whose numbers are drawn at random."""
-    for number, family in enumerate((_blocks, _edge, _round, _obstacle, _tied)):
-        rng = np.random.default_rng([_SEED, number])
-        for k in range(_EACH):
-            row, *what = family(rng)
-            yield Case("drawn apart", row, str(k + 1), *what)
-
-
-def _compared(scene, twin, how, curved=False):
-    return scene, Twin(twin, **how, curved=curved, each=True), 0.25
+    """Cases, four of each family, whose numbers are drawn at random."""
+    families = _blocks, _edge, _round, _obstacle, _tied
+    return (Case("drawn apart", row, str(k), *what) for _, k, (row, *what) in draws.draw(2050, 4, families))
 
 
 def _blocks(rng):
@@ -190,20 +173,14 @@ def _edge(rng):
     covered, both = rng.uniform(0.2, 0.9), (draws.material(rng), draws.material(rng))
     cells = [(draws.count(rng, 2, 5), draws.count(rng, 2, 4)) for _ in both]
     twin = partial(shapes.overhanging, covered, materials=both, matched=True)
-    return "edge", *_compared(partial(shapes.overhanging, covered, *cells, both), twin, SHARP)
+    return "edge", *draws.compared(partial(shapes.overhanging, covered, *cells, both), twin, SHARP)
 
 
 def _round(rng):
     """A body of two curvatures on a block; its pole is anywhere."""
-    x, y, curvature = rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), draws.decades(rng, -1.2, -0.8)
-    ratio, depth, both = rng.uniform(1.0, 3.0), draws.decades(rng, -3, -2), (draws.material(rng), draws.material(rng))
-    cells, other = draws.count(rng, 2, 5), draws.count(rng, 2, 4)
-
-    def height(here, there):
-        return curvature / 2 * ((here - x) ** 2 + ratio * (there - y) ** 2)
-
-    scene, twin = (partial(on_block, "body", height, n, 2, depth, both) for n in (cells, 4))
-    return "round body", *_compared(partial(scene, other=other + (other == cells)), twin, SMOOTH, curved=True)
+    scene, cells, other = draws.round_body(rng, -3), draws.count(rng, 2, 5), draws.count(rng, 2, 4)
+    apart = partial(scene, cells=cells, other=other + (other == cells))
+    return "round body", *draws.compared(apart, partial(scene, cells=4), curved=True)
 
 
 def _obstacle(rng):
@@ -213,11 +190,11 @@ def _obstacle(rng):
     scene = partial(shapes.beneath, RigidSphere((x, y, radius), radius), material=material)
     if draws.count(rng, 0, 1):
         scene = partial(scene, moved=(0.0, 0.0, -depth), direction=UP)
-        return "sphere", *_compared(partial(scene, cells), partial(scene, cells + 1), SMOOTH, curved=True)
+        return "sphere", *draws.compared(partial(scene, cells), partial(scene, cells + 1), SMOOTH, curved=True)
     force = 4 / 3 * material.plane_strain_modulus * radius**0.5 * depth**1.5
     scene = partial(scene, force=(0.0, 0.0, -force))
-    twin = partial(shapes.settled, partial(scene, cells + 1))
-    return "sphere", *_compared(partial(scene, cells), twin, SMOOTH, curved=True)
+    twin = partial(shapes.prescribed, partial(scene, cells + 1))
+    return "sphere", *draws.compared(partial(scene, cells), twin, SMOOTH, curved=True)
 
 
 def _tied(rng):
@@ -230,10 +207,13 @@ def _tied(rng):
         "materials": (draws.material(rng), draws.material(rng)),
     }
     scene = partial(shapes.stamp, cells, height=height, **known)
-    return "tied base", *_compared(scene, partial(shapes.stamp, None, **known), SHARP)
+    return "tied base", *draws.compared(scene, partial(shapes.stamp, None, **known), SHARP)
 
 
 def interfaces():
     """Yields Case, all of this module."""
-    for axis in (apart, obstacles, ties, drawn_apart):
-        yield from axis()
+    yield from apart()
+    yield from obstacles()
+    for value, make, known, *tolerance in ties():
+        yield Case("ties", "tied", value, make, known, *(tolerance or [0.25]))
+    yield from drawn_apart()

@@ -7,18 +7,15 @@ with bodies of one modulus.  "last": iterations of the last solve, "of all": of 
 active sets.  It leaves iterations.csv in the folder of results.
 """
 
-import argparse
 import json
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 from mpi4py import MPI
 
 from fx_contact import Enforcement, Material, adapt, scenes
+from studies.runs import by_itself
 from studies.stability.cases import exponent
-from studies.tables import plain, write
+from studies.tables import options, tabulate
 
 RANKS = (1, 2, 3)
 RATIOS, FACTORS = [10.0**n for n in range(-6, 7)], [10.0**n for n in range(1, 13)]
@@ -74,24 +71,16 @@ def _range(values):
 
 def main():
     """All numbers of ranks, one after the other."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "stability")
     parser.add_argument("--here", action="store_true", help="on the ranks that this is started on; rows are printed")
-    parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")
-    arguments = parser.parse_args()
-    if arguments.here:
+    given = parser.parse_args()
+    if given.here:
         rows = measured()
         if MPI.COMM_WORLD.rank == 0:
             print(json.dumps(rows))
         return
-    rows = []
-    for ranks in RANKS:
-        program = ["mpirun", "-n", str(ranks), sys.executable, "-m", "studies.stability.iterations", "--here"]
-        said = subprocess.run(program, stdout=subprocess.PIPE, text=True, check=True).stdout
-        rows += json.loads(said.splitlines()[-1])
-    rows.sort(key=lambda row: (row["over"], row["scene"]))
-    print(plain(rows))
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    write(arguments.output / "iterations.csv", rows)
+    rows = [row for ranks in RANKS for row in by_itself("studies.stability.iterations", "--here", ranks=ranks)]
+    tabulate(sorted(rows, key=lambda row: (row["over"], row["scene"])), given.output / "iterations.csv")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from mpi4py import MPI
 
 from fx_contact import (
     ContactPair,
@@ -14,7 +13,6 @@ from fx_contact import (
     Preload,
     RigidCylinder,
     RigidLoad,
-    RigidMotion,
     RigidPlane,
     RigidSphere,
     Scene,
@@ -26,10 +24,8 @@ from fx_contact import (
     join,
     ring,
     root_mesh_from_shapes,
-    solve,
 )
-from studies.stability.interface_shapes import sides
-from studies.stability.shapes import DOWN, PLAIN, UP, held
+from studies.stability.shapes import DOWN, PLAIN, UP, corner_at, held, sides
 
 
 def layers(heights, materials, displacement, cells=(2, 3), base=PLAIN):
@@ -147,9 +143,7 @@ def turned_blocks(materials, displacement):
     for k in range(len(materials)):
         name = f"block {k}"
         bodies[name] = block((0, 0, k), (1, 1, k + 1), (2, 2, 2), 1)
-        for label, corner in (("foot", (0.0, 0.0, k)), ("toe", (1.0, 0.0, k))):
-            place = np.array(corner)[:, None]
-            vertices[f"{label} {k}"] = (name, lambda x, place=place: np.abs(x - place).max(axis=0) < 1e-9)
+        vertices |= {f"foot {k}": (name, corner_at(0, 0, k)), f"toe {k}": (name, corner_at(1, 0, k))}
         conditions += [Dirichlet(f"foot {k}", x=0.0, y=0.0), Dirichlet(f"toe {k}", y=0.0)]
     pairs = [ContactPair(f"block {k} top", f"block {k + 1} bottom", UP) for k in range(len(materials) - 1)]
     conditions.append(Dirichlet(f"block {len(materials) - 1} top", z=-displacement))
@@ -161,10 +155,7 @@ def free_block(tensor, material=PLAIN):
     """A sheared block with a stress-free strain, held as a rigid body at three vertices; it has no stress."""
     shape = block((0, 0, 0), (2, 1, 1), (2, 1, 1), 1).placed(lambda x: (x[0] + 0.3 * x[2], x[1] + 0.2 * x[0], x[2]))
     corners = {"at": (0.0, 0.0, 0.0), "one": (2.0, 0.4, 0.0), "other": (0.0, 1.0, 0.0)}
-    places = {name: np.array(corner)[:, None] for name, corner in corners.items()}
-    vertices = {
-        name: ("block", lambda x, place=place: np.abs(x - place).max(axis=0) < 1e-9) for name, place in places.items()
-    }
+    vertices = {name: ("block", corner_at(*corner)) for name, corner in corners.items()}
     one, other = (np.asarray(tensor) @ corners[name] for name in ("one", "other"))
     conditions = (
         Dirichlet("at", 0.0, 0.0, 0.0),
@@ -194,9 +185,7 @@ def bimetal(moduli, strains, length=20.0):
     Without a Poisson's ratio plane sections of beams are exact: the energy is least over stretch and curvature.
     """
     parts = [block((0, 0, z), (length, 1, z + 1), (10, 1, 1), 1).as_part(f"layer {z}") for z in (0, 1)]
-    mesh = root_mesh_from_shapes(
-        {"strip": join(*parts)}, vertices={"foot": ("strip", lambda x: np.abs(x).max(axis=0) < 1e-9)}
-    )
+    mesh = root_mesh_from_shapes({"strip": join(*parts)}, vertices={"foot": ("strip", corner_at(0, 0, 0))})
     scene = Scene(
         "bimetal",
         mesh,
@@ -317,14 +306,3 @@ def rocking(force, moment, cells=2):
     planes = (Dirichlet("block front", y=0.0), Dirichlet("block top", x=0.0))
     pair = ContactPair("block bottom", RigidPlane((0.0, 0.0, 0.0), UP))
     return Scene("rocking", mesh, {"block": Material(1.0, 0.0)}, planes, pair, rigid_loads=load)
-
-
-def prescribed(make, tolerance=0.1):
-    """The scene with its rigid faces moved as their loads have moved them, by a run of degree 2."""
-    scene = make()
-    step = solve(scene, tolerance, MPI.COMM_SELF, degree=2)
-    conditions = list(scene.dirichlet)
-    for load in scene.rigid_loads:
-        motion = step.record.motions[load.surface]
-        conditions.append(RigidMotion(load.surface, tuple(motion[:3]), tuple(motion[3:]), load.point))
-    return replace(scene, dirichlet=conditions, rigid_loads=())

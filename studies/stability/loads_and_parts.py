@@ -13,12 +13,9 @@ from fx_contact import Material, Orthotropic, RigidLoad
 from fx_contact.results.analytic import ShrinkFit
 from studies.stability import draws
 from studies.stability import load_shapes as shapes
-from studies.stability.cases import Case, Exact, Twin
-from studies.stability.interfaces import SHARP, SMOOTH
+from studies.stability.cases import SHARP, SMOOTH, Case, Exact, Twin
+from studies.stability.interface_shapes import prescribed
 from studies.stability.shapes import PLAIN
-
-#: Of the random numbers, and how many scenes of each family.
-_SEED, _EACH = 2126, 2
 
 
 def _line(young):
@@ -48,59 +45,50 @@ def _lined(materials, interference):
 
 def bonded():
     """Bonded parts: ratios of moduli, thin layers, contact across an interface and beside rubber."""
-
-    def case(value, make, known, tolerance=0.16):
-        return Case("parts", "bonded", value, make, known, tolerance)
-
-    yield case("E 1e-6", *_layered((1.0, 1.0), (1.0, 1e-6), 0.01))
-    yield case("soft", *_layered((1.0, 1e-3, 1.0), (1.0, 1e-3, 1.0), 1e-5))
-    yield case("hard", *_layered((1.0, 1e-3, 1.0), (1.0, 1e3, 1.0), 0.01))
+    yield "E 1e-6", *_layered((1.0, 1.0), (1.0, 1e-6), 0.01)
+    yield "soft", *_layered((1.0, 1e-3, 1.0), (1.0, 1e-3, 1.0), 1e-5)
+    yield "hard", *_layered((1.0, 1e-3, 1.0), (1.0, 1e3, 1.0), 0.01)
     known = Exact(0.01 * (1 + 1e6), 0.01, energy=1e-4 * (1 + 1e6), linear=True)
-    yield case("across", partial(shapes.across, (_line(1.0), _line(1e6)), 0.01), known)
+    yield "across", partial(shapes.across, (_line(1.0), _line(1e6)), 0.01), known
     make = partial(shapes.over_a_joint, (PLAIN, Material(100.0, 0.3)))
-    yield case("joint", partial(make, False), Twin(partial(make, True), **SHARP), 0.25)
-    yield case("lining", *_lined((Material(0.1, 0.4999), PLAIN), 1e-3))
+    yield "joint", partial(make, False), Twin(partial(make, True), **SHARP), 0.25
+    yield "lining", *_lined((Material(0.1, 0.4999), PLAIN), 1e-3)
     make = partial(shapes.coated, 0.3, (PLAIN, PLAIN), place=(0.2, 0.1))
-    yield case("alike", make, Twin(partial(make, parts=False)), 0.25)
+    yield "alike", make, Twin(partial(make, parts=False)), 0.25
 
 
 def orthotropic():
     """Orthotropic parts: ratios of moduli to 1000, oblique axes, the constants of an isotropic one."""
-
-    def case(value, make, known, tolerance=0.16):
-        return Case("parts", "orthotropic", value, make, known, tolerance)
-
     fibres = Orthotropic((1e3, 1.0, 10.0), (0.3, 0.3, 0.02), (5.0, 5.0, 0.8), ((1, 2, 3), (3, 0, -1)))
     other = Orthotropic((1.0, 1e3, 1.0), (1e-4, 0.2, 0.3), (0.5, 0.4, 5.0), ((1, -1, 1), (1, 1, 0)))
-    yield case("two", *_compressed((fibres, other), 0.01))
+    yield "two", *_compressed((fibres, other), 0.01)
     like = Orthotropic((3.0, 3.0, 3.0), (0.3, 0.3, 0.3), (3 / 2.6,) * 3, ((1, 2, 3), (3, 0, -1)))
     make, place = partial(shapes.coated, 0.3), {"place": (0.3, -0.2)}
-    yield case(
-        "like", partial(make, (PLAIN, like), **place), Twin(partial(make, (PLAIN, Material(3.0, 0.3)), **place)), 0.25
+    yield (
+        "like",
+        partial(make, (PLAIN, like), **place),
+        Twin(partial(make, (PLAIN, Material(3.0, 0.3)), **place)),
+        0.25,
     )
     wood = Orthotropic((30.0, 1.0, 1.0), (0.3, 0.3, 0.3), (2.0, 2.0, 0.4), ((1, 2, 3), (3, 0, -1)))
     about_z = replace(wood, axes=((-2, 1, 3), (0, 3, -1)))
     twin = Twin(partial(make, (PLAIN, about_z), place=(0.2, 0.3)))
-    yield case("turned", partial(make, (PLAIN, wood), **place), twin, 0.25)
+    yield "turned", partial(make, (PLAIN, wood), **place), twin, 0.25
 
 
 def strains():
     """Stress-free strains: free, restrained by contact, beside large expansions, of bonded layers, of rings."""
-
-    def case(value, make, known, tolerance=0.16):
-        return Case("loads", "strains", value, make, known, tolerance)
-
     tensor = ((0.01, 0.004, -0.002), (0.004, -0.02, 0.003), (-0.002, 0.003, 0.005))
-    yield case("free", partial(shapes.free_block, tensor), Exact(energy=0.0, linear=True))
+    yield "free", partial(shapes.free_block, tensor), Exact(energy=0.0, linear=True)
     for value, strain, share, poisson in (("gap", 1e-3, 0.5, 0.4995), ("close", 1e-2, 1 - 1e-6, 0.3)):
         gap = 2 * strain * share
         force = strain - gap / 2
         known = Exact(force, 2 * force, energy=2 * force**2, linear=True)
-        yield case(value, partial(shapes.heated_bar, strain, gap, Material(1.0, poisson)), known)
+        yield value, partial(shapes.heated_bar, strain, gap, Material(1.0, poisson)), known
     scene, energy = shapes.bimetal((1.0, 10.0), (1e-4, -2e-4))
-    yield case("bimetal", lambda: scene, Exact(energy=energy))
+    yield "bimetal", lambda: scene, Exact(energy=energy)
     # Errors are relative to e omega_0 at least: 0.02 of the stress of full restraint.
-    yield case("fit", *_fitted((1.0, 1.5, 2.5), 1e-4, 0.01, (PLAIN, Material(3.0, 0.2))), 0.02)
+    yield "fit", *_fitted((1.0, 1.5, 2.5), 1e-4, 0.01, (PLAIN, Material(3.0, 0.2))), 0.02
 
 
 def _fitted(radii, misfit, expansion, materials):
@@ -112,18 +100,14 @@ def _fitted(radii, misfit, expansion, materials):
 
 def preloads():
     """Preloaded bolts, softer and stiffer than what they clamp, and below a working load."""
-
-    def case(value, make, known):
-        return Case("loads", "preload", value, make, known)
-
     for value, young, tension in (("soft", 1e-3, 1e-5), ("stiff", 1e3, 2e-3)):
-        yield case(value, *_tightened((young,), 1.0, (tension,)))
+        yield value, *_tightened((young,), 1.0, (tension,))
     closing, pull, sleeve = 2e-3, 1e-3, 10.0
     raised = (pull - closing) / (sleeve + 1)  # two bolts of stiffness 1/2
     force, tension = -raised * sleeve, (raised + closing) / 2
     known = Exact(force, -raised, energy=force**2 / sleeve + 4 * tension**2, unsure=1e-5, linear=True)
     make = partial(shapes.bolted, (1.0, 1.0), sleeve, (None, None), closing, pull)
-    yield case("pulled", make, known)
+    yield "pulled", make, known
 
 
 def _tightened(bolts, sleeve, tensions):
@@ -136,15 +120,11 @@ def _tightened(bolts, sleeve, tensions):
 
 def springs():
     """Elastic supports, soft and stiff; beyond what double precision holds; as a clamp."""
-
-    def case(value, make, known, tolerance=0.16):
-        return Case("loads", "springs", value, make, known, tolerance)
-
     for value, stiffness in (("1e-9", 1e-9), ("1e9", 1e9)):
-        yield case(value, *_sprung((1.0, 1.0), stiffness, 0.01))
-    yield case("1e12", partial(shapes.on_springs, (1.0, 1.0), 1e12, 0.01), None)
+        yield value, *_sprung((1.0, 1.0), stiffness, 0.01)
+    yield "1e12", partial(shapes.on_springs, (1.0, 1.0), 1e12, 0.01), None
     make = partial(shapes.coated, 0.3, (PLAIN, Material(3.0, 0.3)))
-    yield case("clamp", lambda: shapes.bedded(make(), 1e9, "block bottom"), Twin(make), 0.25)
+    yield "clamp", lambda: shapes.bedded(make(), 1e9, "block bottom"), Twin(make), 0.25
 
 
 def _sprung(moduli, below, displacement, beside=None, gap=0.0):
@@ -160,30 +140,16 @@ def _sprung(moduli, below, displacement, beside=None, gap=0.0):
 
 def rigid_faces():
     """Rigid loads: slender bending, a point of reference far away, beside contact; and one that pulls off."""
-
-    def case(value, make, known):
-        return Case("loads", "rigid faces", value, make, known)
-
     moment, length = 1e-6, 300.0
     load = RigidLoad("bar top", moment=(moment, 0.0, 0.0))
-    yield case("bent", partial(shapes.rod, length, load, _line(1.0)), Exact(energy=12 * length * moment**2))
+    yield "bent", partial(shapes.rod, length, load, _line(1.0)), Exact(energy=12 * length * moment**2)
     load = RigidLoad("bar top", (0.0, 0.0, 1e-3), point=(0.5, 0.5, 1e6))
     known = Exact(energy=4 * 1e-3**2, linear=True)
-    yield case("far", partial(shapes.rod, 4.0, load, _line(1.0), (2, 2, 4)), known)
+    yield "far", partial(shapes.rod, 4.0, load, _line(1.0), (2, 2, 4)), known
     force, moment = 1e-2, 1e-3
     known = Exact(force, force, energy=force**2 + 12 * moment**2)
-    yield case("pressed", partial(shapes.rocking, force, moment), known)
-    yield case("pulled", partial(shapes.rocking, -force, 0.0), None)
-
-
-def drawn_loads_and_parts():
-    """Yields Case: fourteen scenes whose numbers are drawn at random."""
-    families = [("parts", _layers), ("parts", _coat), ("parts", _ortho)]
-    families += [("loads", _heat), ("loads", _bolt), ("loads", _spring), ("loads", _rigid)]
-    for number, (row, family) in enumerate(families):
-        rng = np.random.default_rng([_SEED, number])
-        for k in range(_EACH):
-            yield Case("drawn loads", row, f"{family.__name__[1:]} {k + 1}", *family(rng))
+    yield "pressed", partial(shapes.rocking, force, moment), known
+    yield "pulled", partial(shapes.rocking, -force, 0.0), None
 
 
 def _layers(rng):
@@ -259,10 +225,26 @@ def _rigid(rng):
     moment += np.cross([0.5, 0.5, length] - point, force)
     load = RigidLoad("bar top", *(tuple(vector.tolist()) for vector in (force, moment, point)))
     make = partial(shapes.rod, length, load, Material(1.0, poisson), (1, 1, draws.count(rng, 3, 8)))
-    return make, Twin(partial(shapes.prescribed, make, 0.05), held=True, **SHARP), 0.25
+    return make, Twin(partial(prescribed, make, 0.05), held=True, **SHARP), 0.25
+
+
+#: Rows with their axes; each scene is a value, what makes it, what is known and its tolerance, 0.16 if none is given.
+ROWS = {
+    "bonded": ("parts", bonded),
+    "orthotropic": ("parts", orthotropic),
+    "strains": ("loads", strains),
+    "preload": ("loads", preloads),
+    "springs": ("loads", springs),
+    "rigid faces": ("loads", rigid_faces),
+}
+#: Families whose numbers are drawn at random, with their rows.
+DRAWN = dict.fromkeys((_layers, _coat, _ortho), "parts") | dict.fromkeys((_heat, _bolt, _spring, _rigid), "loads")
 
 
 def loads_and_parts():
-    """Yields Case, all of this module."""
-    for axis in (bonded, orthotropic, strains, preloads, springs, rigid_faces, drawn_loads_and_parts):
-        yield from axis()
+    """Yields Case, all of this module; two of each drawn family."""
+    for row, (axis, listed) in ROWS.items():
+        for what in listed():
+            yield Case(axis, row, *what)
+    for family, k, what in draws.draw(2126, 2, DRAWN):
+        yield Case("drawn loads", DRAWN[family], f"{family.__name__[1:]} {k}", *what)

@@ -15,7 +15,6 @@ and matrix.png, of another degree than the default scores_degree1.jsonl and so o
 scene what the other degree has made of it, as kept here.
 """
 
-import argparse
 import difflib
 import json
 import os
@@ -27,7 +26,6 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
 
 from mpi4py import MPI
 
@@ -214,13 +212,12 @@ def show(one):
 
 def main():
     """Run what is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = tables.options(__doc__, "stability")
     parser.add_argument("--quick", action="store_true", help="a seventh of each row, at least one: a fifth of all")
     parser.add_argument("--axis", nargs="+", help="the scenes of some axes (all)")
     parser.add_argument("--only", metavar="NAME", help="run one scene, whether it has a score or not")
     parser.add_argument("--degree", type=int, choices=(1, 2), default=DEGREE, help="of displacements (%(default)s)")
     parser.add_argument("--list", action="store_true", help="print the names of the scenes chosen")
-    parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")
     arguments = parser.parse_args()
     scenes = {name: replace(case, degree=arguments.degree) for name, case in cases().items()}
     chosen = sample(scenes) if arguments.quick else scenes

@@ -18,6 +18,16 @@ def held(surface, z=0.0):
     return Dirichlet(surface, 0.0, 0.0, z)
 
 
+def sides(*bodies):
+    """Symmetry planes at the left and front sides of bodies."""
+    return tuple(SymmetryPlane(f"{body} {side}") for body in bodies for side in ("left", "front"))
+
+
+def corner_at(*position):
+    """A place for vertices, by their coordinates."""
+    return lambda x: np.abs(x - np.array(position)[:, None]).max(axis=0) < 1e-9
+
+
 def between(low, high, axis=0):
     """A place for the sides of shapes, by one coordinate."""
     return lambda x: (x[axis] > low - 1e-9) & (x[axis] < high + 1e-9)
@@ -261,12 +271,11 @@ def plate_over_a_stop(thick, share, wide, ratio, poisson, cells=4):
     plate = block((0, 0, 0), (half, 2, thick), (cells, cells // 2, 1), 1)
     plate = plate.named("below", "bottom", where=between(0, wide))
     stop = block((0, 0, -1), (wide, 2, 0), (wide * cells // 4, cells // 2, 1), 1).shifted(z=-gap)
-    planes = [SymmetryPlane(f"{body} {side}") for body in ("plate", "stop") for side in ("left", "front")]
     return Scene(
         "plate over a stop",
         root_mesh_from_shapes({"plate": plate, "stop": stop}),
         {"plate": Material(1.0, poisson), "stop": Material(ratio, poisson)},
-        (held("plate right"), held("stop bottom"), *planes),
+        (held("plate right"), held("stop bottom"), *sides("plate", "stop")),
         (ContactPair("plate below", "stop top", DOWN),),
         (Pressure("plate top", pressure),),
     )
@@ -283,12 +292,11 @@ def sinking(deeper):
     base = base.named("below", "top", where=lambda x: between(0, side)(x) & between(0, side, axis=1)(x))
     body = block((0, 0, 0), (side, side, side), (1, 1, 1), 2)
     body = body.placed(lambda x: (x[0], x[1], x[2] + (1 - x[2] / side) * (x[0] ** 2 + x[1] ** 2) / 2))  # radius 1 m
-    planes = [SymmetryPlane(f"{name} {plane}") for name in ("block", "body") for plane in ("left", "front")]
     return Scene(
         "sinking",
         root_mesh_from_shapes({"block": base, "body": body}),
         dict.fromkeys(("block", "body"), PLAIN),
-        (held("block bottom"), Dirichlet("body top", z=-0.02228 - deeper), *planes),
+        (held("block bottom"), Dirichlet("body top", z=-0.02228 - deeper), *sides("block", "body")),
         (ContactPair("block below", "body bottom", UP),),
         (Pressure("block load", 0.1),),
     )

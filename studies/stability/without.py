@@ -10,12 +10,10 @@ in other units or another direction, whose errors are the same with any rules.  
 without.csv in the folder of results.
 """
 
-import argparse
 import os
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
 from unittest import mock
 
 import numpy as np
@@ -25,7 +23,7 @@ from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
 from studies.stability.run import score
 from studies.stability.scenes import cases
-from studies.tables import TOP, plain, read, write
+from studies.tables import TOP, options, read, tabulate
 
 #: Scenes are tried that take less than so many CPU seconds with all rules, by the scores that are kept.
 SECONDS, SCORES = 20.0, TOP / "studies/stability/scores.csv"
@@ -94,20 +92,17 @@ def chosen(axes):
 
 def main():
     """Run what is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "stability")
     parser.add_argument("--rule", choices=RULES, nargs="+", default=list(RULES), help="each (all)")
     parser.add_argument("--together", choices=RULES, nargs="+", help="switch these off at once")
     parser.add_argument("--axis", nargs="+", help="rows of the matrix (all)")
-    parser.add_argument("--output", type=Path, default=Path("results/stability"), help="folder (%(default)s)")
-    arguments = parser.parse_args()
-    names = chosen(arguments.axis)
-    rule_sets = [arguments.together] if arguments.together else [[rule] for rule in arguments.rule]
+    given = parser.parse_args()
+    rule_sets = [given.together] if given.together else [[rule] for rule in given.rule]
     with get_context("spawn").Pool(len(os.sched_getaffinity(0))) as pool:
+        names = chosen(given.axis)
         base, *found = zip(*pool.map(partial(tried, rule_sets=rule_sets), names, chunksize=1))
-    rows = [{"without": ", ".join(rules)} | compared(base, one) for rules, one in zip(rule_sets, found)]
-    print(plain(rows))
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    write(arguments.output / "without.csv", rows)
+    rows = ({"without": ", ".join(rules)} | compared(base, one) for rules, one in zip(rule_sets, found))
+    tabulate(rows, given.output / "without.csv")
 
 
 if __name__ == "__main__":

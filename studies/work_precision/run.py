@@ -12,13 +12,11 @@ study goes on where it stopped.
 Results go to results/work_precision: runs.jsonl (each run), points.csv, promises.csv and the plots as PNG and SVG.
 """
 
-import argparse
 import json
 import time
-from pathlib import Path
 
 from studies.runs import RunFailed, cpu, run, wall
-from studies.tables import TABLES, machine, write
+from studies.tables import machine, options, plain, write
 from studies.work_precision.figures import draw
 from studies.work_precision.points import points
 from studies.work_precision.tables import medians, promises, rows, true_errors_of_hertz
@@ -45,6 +43,8 @@ def one_run(point, repeat, folder):
     return record | counted | {"last": last, "history": history}
 
 
+#: Columns that are printed.
+PRINTED = ("group", "line", "dofs", "failed", "true_error", "estimate", "error_force", "cpu_s", "promise", "measured")
 #: What is kept of the steps before the last.
 HISTORY = ("cells", "dofs", "krylov_iterations", "estimate", "true_error", "l2_error", "effectivity", "force")
 
@@ -86,32 +86,31 @@ def load(path):
 
 def main():
     """Run, write tables, draw."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--quick", action="store_true", help="few small points, each once: under 2 minutes")
-    options.add_argument(
+    parser = options(__doc__, "work_precision")
+    parser.add_argument("--quick", action="store_true", help="few small points, each once: under 2 minutes")
+    parser.add_argument(
         "--plot-only", action="store_true", help="run nothing: tables and plots of the runs there are"
     )
-    options.add_argument("--repeats", type=int, help=f"runs of a point that takes under {_ONCE:.0f} s ({REPEATS})")
-    options.add_argument("--output", type=Path, default=Path("results/work_precision"), help="folder (%(default)s)")
-    arguments = options.parse_args()
+    parser.add_argument("--repeats", type=int, help=f"runs of a point that takes under {_ONCE:.0f} s ({REPEATS})")
+    arguments = parser.parse_args()
     folder = arguments.output.resolve()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        options.error(f"cannot make {str(arguments.output)!r}: {error.strerror}")
+        parser.error(f"cannot make {str(arguments.output)!r}: {error.strerror}")
     wanted = points(arguments.quick)
     if not arguments.plot_only:
         measure(wanted, folder, arguments.repeats or (1 if arguments.quick else REPEATS))
     runs = load(folder / "runs.jsonl")
     found = medians(wanted, runs, true_errors_of_hertz())
     if not found:
-        options.error(f"there are no runs in {folder}")
+        parser.error(f"there are no runs in {folder}")
     made_by = None  # this command
     if arguments.plot_only:
         made_by = "python3 -m studies.work_precision.run" + " --quick" * arguments.quick
     for name, table in (("points", list(rows(found))), ("promises", list(promises(found)))):
         write(folder / f"{name}.csv", table, made_by)
-        print(TABLES[f"studies/work_precision/{name}.csv"](table), end="\n\n")
+        print(plain([{key: row[key] for key in row if key in PRINTED} for row in table]), end="\n\n")
     if {"HERTZ-A", "INDENT-A"} <= {r.point.group for r in found if not r.failed}:
         draw(found, folder, _told(runs))
     print(f"results in {arguments.output}")

@@ -76,7 +76,7 @@ SMALLER = (
 #: `test_notebooks` executes the notebooks.
 LONG = r"studies\.partition\.|studies\.(work_precision|incompressible)\.run|studies\.cost\."
 LONG += r"|studies\.stability\.(without|iterations)|studies\.goals\.(forces|rigid_twins|pressures)"
-LONG += r"|studies\.effectivity\.(stress|cad|first_mesh|hertz_truth)|studies\.(nonmatching|layers)"
+LONG += r"|studies\.effectivity\.(stress|first_mesh|hertz_truth)|studies\.(nonmatching|layers)"
 LONG += r"|notebooks/execute\.py|-m pytest|demos/.*--(degree|symmetry|order|partition|enforcement)"
 #: Programs that read their command line with argparse, and a module or file and the words after it.
 PARSED = r"(?:env \S+ )?(?:mpirun (?:--oversubscribe )?-n \d+ )?python3 (?:-m )?"

@@ -54,6 +54,19 @@ def test_the_tables():
     assert all(set(name) <= set("/-+._()" + name) and " " not in name for name in NAMED)
 
 
+def last(name, tolerance=0.2):
+    """The last step of a scene of the matrix."""
+    *_, step = adapt(NAMED[name].scene(), tolerance, comm=stability.MPI.COMM_SELF)
+    return step
+
+
+def failed(step, **changes):
+    """Names of the checks that a step fails whose solution is changed; as it is, it fails none."""
+    assert all(c.holds for c in stability.State(step).checks())
+    state = stability.State(replace(step, solution=replace(step.solution, **changes)))
+    return {c.name for c in state.checks() if not c.holds}
+
+
 def judged(reference, **changes):
     """The score of a stack against a reference."""
     known = {"scene": lambda: stack([SOFT, SOFT]), "reference": reference}
@@ -139,11 +152,8 @@ def _spoilt_ties(solution, factor):
 def test_the_judge_sees_a_spoilt_tie():
     """Forces of ties are among those on a body, beside contact and without it."""
     for name in ("E-5e1", "layers"):
-        *_, step = adapt(NAMED[f"ties/tied/{name}"].scene(), 0.2, comm=stability.MPI.COMM_SELF)
-        assert all(c.holds for c in stability.State(step).checks())
-        spoilt = replace(step.solution, row_force=_spoilt_ties(step.solution, 1.001))
-        state = stability.State(replace(step, solution=spoilt))
-        assert [c.name for c in state.checks() if not c.holds] == ["balance of each body"]
+        step = last(f"ties/tied/{name}")
+        assert failed(step, row_force=_spoilt_ties(step.solution, 1.001)) == {"balance of each body"}
 
 
 @alone
@@ -166,38 +176,31 @@ def test_the_judge_sees_a_wrong_modulus(name):
 
 @alone
 @pytest.mark.parametrize(
-    "name, failed",
+    "name, expected",
     [
         ("loads/rigid-faces/pressed", {"given forces", "balance of each body", "work is stored"}),
         ("loads/preload/pulled", {"balance of each body", "work is stored"}),
         ("drawn-loads/loads/bolt-1", {"given forces", "balance of each body", "work is stored"}),
     ],
 )
-def test_the_judge_sees_spoilt_forces_of_loads(name, failed):
+def test_the_judge_sees_spoilt_forces_of_loads(name, expected):
     """Forces of rigid faces and sections that are not those given, or not in balance, are noticed."""
-    *_, step = adapt(NAMED[name].scene(), 0.2, comm=stability.MPI.COMM_SELF)
-    assert all(c.holds for c in stability.State(step).checks())
-    spoilt = replace(step.solution, row_force=_spoilt_ties(step.solution, 1.01))
-    state = stability.State(replace(step, solution=spoilt))
-    assert {c.name for c in state.checks() if not c.holds} == failed
+    step = last(name)
+    assert failed(step, row_force=_spoilt_ties(step.solution, 1.01)) == expected
 
 
 @alone
 def test_the_judge_sees_spoilt_springs_and_strains():
     """Displacements that are off are noticed in the balance of bodies on springs, and in the stored work."""
     for name in ("loads/springs/1e9", "loads/strains/gap"):
-        *_, step = adapt(NAMED[name].scene(), 0.2, comm=stability.MPI.COMM_SELF)
-        assert all(c.holds for c in stability.State(step).checks())
-        moved = 1.01 * step.solution.displacement
-        state = stability.State(replace(step, solution=replace(step.solution, displacement=moved)))
-        assert "work is stored" in [c.name for c in state.checks() if not c.holds]
+        step = last(name)
+        assert "work is stored" in failed(step, displacement=1.01 * step.solution.displacement)
 
 
 @alone
 def test_the_potential_of_rigid_loads():
     """F . t = a(u, u): the potential, with the loads, is its negative; with the motion prescribed it is the energy."""
-    *_, step = adapt(NAMED["drawn-loads/loads/rigid-2"].scene(), 0.3, comm=stability.MPI.COMM_SELF)
-    state = stability.State(step)
+    state = stability.State(last("drawn-loads/loads/rigid-2", 0.3))
     assert abs(state.given - 2 * state.energy) < 1e-7 * state.energy and state.energy > 0
     assert abs(state.potential + state.energy) < 1e-7 * state.energy
 
@@ -205,7 +208,7 @@ def test_the_potential_of_rigid_loads():
 @alone
 def test_errors_beside_free_expansion():
     """They are relative to the tolerance times the norm of full restraint; the force of a pair to itself."""
-    *_, step = adapt(NAMED["drawn-loads/loads/heat-2"].scene(), 0.16, comm=stability.MPI.COMM_SELF)
+    step = last("drawn-loads/loads/heat-2", 0.16)
     state = stability.State(step)
     assert step.estimate.energy_norm**2 == pytest.approx(state.restraint * state.energy, rel=1e-6)
     assert state.restraint > 100 and state.asked() == 0.16
