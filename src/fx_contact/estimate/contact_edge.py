@@ -24,15 +24,16 @@ _SOME = 0.5
 
 
 def cells_at_edge(state: SolvedState) -> BoolArray:
-    """Cells (ncells,) on first surfaces whose facets have closed and open nodes.  Collective on state.forest.comm."""
+    """Cells (ncells,) whose facets in contact have closed and open nodes.  Collective on state.forest.comm."""
     assert state.rows is not None
-    rows, result = state.rows, np.zeros(len(state.forest), dtype=bool)
-    active = state.solution.active
-    for kind in rows.kinds:
-        leaf, face = kind.facets(state.forest)
-        nodal = rows.at_nodes(kind.index, np.column_stack([active, ~active]).astype(float))
-        some = np.any(nodal[rows.prolongation.space.on_faces(leaf, face)] > _SOME, axis=1)
-        result[leaf[some[:, 0] & some[:, 1]]] = True
+    rows, forest, active = state.rows, state.forest, state.solution.active
+    entries, prolongation = rows.entries, rows.prolongation
+    nodal, result = prolongation.zeros(2), np.zeros(len(forest), dtype=bool)
+    status = np.column_stack([active, ~active])[entries.row]
+    np.add.at(nodal, entries.node, np.abs(entries.weight)[:, None] * status)
+    leaf, face = forest.contact_faces()
+    some = prolongation.prolong(prolongation.summed(nodal))[prolongation.space.on_faces(leaf, face)] > _SOME
+    result[leaf[some.any(axis=1).all(axis=1)]] = True
     return result[state.elasticity.leaf_mesh.leaf]
 
 
