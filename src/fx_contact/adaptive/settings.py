@@ -8,7 +8,8 @@ from typing import Any
 
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
-from fx_contact.estimate.quantities import Quantity, check_goals
+from fx_contact.estimate.goal_errors import check_goals
+from fx_contact.estimate.quantities import Quantity
 from fx_contact.fem.space import DEGREES
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.errors import SceneError

@@ -33,7 +33,7 @@ def cells_at_edge(state: SolvedState) -> BoolArray:
     np.add.at(nodal, entries.node, np.abs(entries.weight)[:, None] * status)
     leaf, face = forest.contact_faces()
     some = prolongation.prolong(prolongation.summed(nodal))[prolongation.space.on_faces(leaf, face)] > _SOME
-    result[leaf[some.any(axis=1).all(axis=1)]] = True
+    result[leaf[np.any(some, axis=1).min(axis=1)]] = True
     return result[state.elasticity.leaf_mesh.leaf]
 
 

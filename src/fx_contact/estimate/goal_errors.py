@@ -11,10 +11,26 @@ from fx_contact.contact.pressure import leaves_of_rows
 from fx_contact.estimate.dual_weighted import Functional, Goal, Goals
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_goal
-from fx_contact.estimate.quantities import Quantity
+from fx_contact.estimate.quantities import ContactForce, Displacement, Gap, MaxPressure, Quantity, Reaction
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.parallel.arrays import FloatArray, Int8Array
-from fx_contact.parallel.validation import LEAST_TOLERANCE, percent
+from fx_contact.parallel.errors import SceneError
+from fx_contact.parallel.validation import LEAST_TOLERANCE, percent, shown
+from fx_contact.scene.scene import Scene
+
+_KINDS = ContactForce, Gap, MaxPressure, Displacement, Reaction
+
+
+def check_goals(goals: Sequence[Quantity], scene: Scene) -> tuple[Quantity, ...]:
+    """Goals as a tuple.  Local.  Raises SceneError: one is of another type, or of a place that the scene lacks."""
+    kinds = ", ".join(kind.__name__ for kind in _KINDS)
+    if not isinstance(goals, (tuple, list)):
+        raise SceneError(f"goals must be a tuple of {kinds}, got {shown(goals)}")
+    for goal in goals:
+        if not isinstance(goal, Quantity):
+            raise SceneError(f"a goal must be one of {kinds}, got {shown(goal)}")
+        goal.check(scene)
+    return tuple(goals)
 
 
 @dataclass(frozen=True)

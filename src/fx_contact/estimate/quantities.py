@@ -18,7 +18,7 @@ from fx_contact.items.boundary_conditions import Dirichlet
 from fx_contact.items.contact import Contact
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_direction, check_name, check_tolerance, check_vector, shown
+from fx_contact.parallel.validation import check_direction, check_name, check_tolerance, check_vector
 from fx_contact.scene.scene import Scene
 
 #: Relative differences of equal distances and pressures: rounding, and the error of the linear solver.
@@ -319,22 +319,6 @@ class Reaction(Quantity):
         w = shared_forces(scene.conditions, held, w)
         vector = scene.mirrors.force(state.forest.comm.allreduce(vector))
         return Functional(float(direction @ vector), float(np.linalg.norm(vector)), prescribed=w)
-
-
-#: All kinds of goals.
-KINDS = ContactForce, Gap, MaxPressure, Displacement, Reaction
-
-
-def check_goals(goals: Sequence[Quantity], scene: Scene) -> tuple[Quantity, ...]:
-    """Goals as a tuple.  Local.  Raises SceneError: one is of another type, or of a place that the scene lacks."""
-    kinds = ", ".join(kind.__name__ for kind in KINDS)
-    if not isinstance(goals, (tuple, list)):
-        raise SceneError(f"goals must be a tuple of {kinds}, got {shown(goals)}")
-    for goal in goals:
-        if not isinstance(goal, Quantity):
-            raise SceneError(f"a goal must be one of {kinds}, got {shown(goal)}")
-        goal.check(scene)
-    return tuple(goals)
 
 
 def _set_vectors(quantity: Quantity, **vectors: Sequence[float]) -> None:
