@@ -47,9 +47,8 @@ print(run)
 # A dot is the pressure at a pair of facing nodes; a facet has nine. The curve is Hertz's solution of half-spaces for the
 # same force. The dots deviate at the rim of the contact, by at most one facet.
 
-from fx_contact.plot import draw_pressure
-
 # %%
+from fx_contact.plot import draw_pressure
 from fx_contact.results.analytic import Hertz
 
 *_, step = adapt(scene, tolerance=0.08)
@@ -91,7 +90,7 @@ hertzian = 4 / 3 * theory.modulus * theory.radius**0.5 * approach**1.5
 plt.loglog(approach, hertzian, label="half-spaces")
 plt.xlabel("approach [m]")
 plt.ylabel("force [N]")
-plt.legend()
+plt.legend();
 
 # %% [markdown]
 # Finite bodies are slightly stiffer, since the loaded faces are flat and at a finite distance.

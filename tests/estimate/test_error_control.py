@@ -100,7 +100,7 @@ def test_a_lower_threshold_saves_a_solve():
 def test_a_first_mesh_may_be_enough():
     """At degree 2 the least effectivity is assumed on a first mesh: xi / 0.4 has to meet the tolerance."""
     error = spread(np.geomspace(1e-4, 1e-3, 8), child_error=1 / 128)
-    assert CONTACT.effectivity(first=True) == 0.4 and CONTACT.effectivity(first=False) == 1.0
+    assert CONTACT.effectivity(2) == 0.4
     for share, met in ((0.399, True), (0.401, False), (1e-9, True)):
         tolerance = error.relative / share
         sought = CONTACT.sought(error, tolerance, 0.4)
@@ -110,6 +110,20 @@ def test_a_first_mesh_may_be_enough():
     marked = CONTACT.marked(error, error.relative / 0.5, 0.4, WORLD)
     assert 0 < WORLD.allreduce(int((marked > 0).sum())) < 8, "not by threshold"
     assert CONTACT.sought(spread(np.zeros(8), child_error=1 / 128), 0.1, 0.4) is None
+
+
+@pytest.mark.parametrize("degree, expected", [(1, (0.4, 0.7, 0.85, 1.0, 1.0)), (2, (0.4, 0.85, 1.0, 1.0, 1.0))])
+def test_effectivity_of_later_meshes(degree, expected):
+    """1 - theta falls as h^p, to at most 0.1; refinement aims at the tolerance of the next mesh."""
+    found = [CONTACT.effectivity(degree)]
+    while len(found) < len(expected):
+        found.append(CONTACT.effectivity(degree, found[-1]))
+    assert found == pytest.approx(list(expected), rel=1e-12)
+    error = spread(np.geomspace(1e-4, 1e-3, 8))
+    tolerance = error.relative / 1.2
+    twice = [CONTACT.marked(error, tolerance, 1.0, WORLD, later) for later in (1.0, 0.5)]
+    everywhere(np.array_equal(twice[1], CONTACT.marked(error, 0.5 * tolerance, 1.0, WORLD)), "another aim")
+    assert WORLD.allreduce(int(twice[0].sum())) < WORLD.allreduce(int(twice[1].sum()))
 
 
 def test_at_degree_1_a_first_mesh_is_refined():
@@ -131,7 +145,7 @@ def test_both_modes_by_hand():
     """
     error = spread(np.array([1.0, 2.0, 3.0, 4.0]), energy=10.0)
     assert ENERGY.sought(error, 0.5, 1.0) == 0.5 and ENERGY.sought(error, 0.547, 1.0) == 0.547
-    assert ENERGY.effectivity(first=True) == 1.0 and ENERGY.sought(error, 0.548, 1.0) is None
+    assert ENERGY.effectivity(1) == 1.0 and ENERGY.sought(error, 0.548, 1.0) is None
     assert np.array_equal(ENERGY.marked(error, 0.5, 1.0, WORLD), dealt(np.array([0, 0, 1, 1])))
     assert np.array_equal(ENERGY.marked(error, 0.1, 1.0, WORLD), dealt(np.ones(4)))  # never twice
     assert np.array_equal(ENERGY.marked(error, 0.4, 1.0, WORLD), dealt(np.array([0, 0, 1, 1])))  # 2 is not above 2
@@ -156,7 +170,7 @@ def test_partners_by_hand(control, marked, partner):
     assert forest.size_global == 16
     mine = (forest.cell == marked[0]) & (forest.anchor == marked[1]).all(axis=1)
     estimate = Estimate(np.where(mine, 4.0, 1.0), None, np.sqrt(31.0), 10.0, 16, 1 / 32)
-    times = control.marked(estimate, 0.5, control.effectivity(first=True), WORLD)
+    times = control.marked(estimate, 0.5, control.effectivity(1), WORLD)
     fine, _ = forest.refined_with(times)
     places, quarters = set(product((0, 1), product((0, HALF), repeat=3))), product((0, HALF // 2), repeat=3)
     children = product({marked, partner} - {None}, quarters)
@@ -194,7 +208,7 @@ def test_the_mode_energy_may_stop_on_the_first_mesh():
     (only,) = adapt(scene, 0.9)
     assert only.record.reached and only.record.assumed_effectivity == 0.4 and only.record.ratio < 0.4
     first, *_, last = adapt(scene, 2 * only.record.estimate)
-    assert not first.record.reached and last.record.reached and last.record.assumed_effectivity == 1
+    assert not first.record.reached and last.record.reached and last.record.assumed_effectivity == 0.85
     assert last.record.dofs < 4 * first.record.dofs, "refined as a whole"
 
 

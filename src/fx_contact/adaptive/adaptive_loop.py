@@ -334,7 +334,7 @@ def _start(state: State, settings: Settings) -> StepStart:
     space = Space(state.forest, settings.degree)
     prolongation = Prolongation(space)
     displacement = prolongation.injected(state.fields.at_nodes(space, "displacement"))
-    theta = settings.control.effectivity(not state.adapted)
+    theta = state.effectivity or settings.control.effectivity(settings.degree)
     return StepStart(prolongation, displacement, state.fields.without("displacement"), theta, state.motions)
 
 

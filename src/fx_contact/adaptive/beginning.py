@@ -73,7 +73,7 @@ class Beginning:
         """The state from which a run with displacements of a degree begins.  Local."""
         sizes = {"displacement": 3, "carried": self.values.shape[2] - 3}
         fields = NodalFields(self.forest, self.values, sizes)
-        return State(fields.of_degree(degree), self.motions, self.adapted)
+        return State(fields.of_degree(degree), self.motions, 1.0 if self.adapted else None)
 
     @classmethod
     def at_rest(cls, forest: Forest) -> Self:

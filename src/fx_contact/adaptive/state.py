@@ -23,14 +23,14 @@ class State:
         fields: "displacement", solved or a first guess [m]; `step_solver.HISTORY`, that of the point before in a load
             path of increments [m]; "carried", fields of the user.
         motions: `StepRecord.motions`; None: obstacles below forces begin where they touch.
-        adapted: the forest is adapted to such a solution; else its estimate counts as that of a first mesh.
+        effectivity: assumed of the estimate on the forest, as of `StepRecord`; None: that of a first mesh.
         estimate: errors in the order of the leaves; None: to be solved.
         refine: (n,), number of refinements of each leaf for contact and goals, beside those for the estimate.
     """
 
     fields: NodalFields
     motions: Mapping[str, Any] | None = None
-    adapted: bool = False
+    effectivity: float | None = None
     estimate: Estimate | None = None
     refine: Int8Array | None = None
 
@@ -52,19 +52,19 @@ class State:
         cell, error = np.argsort(step.leaf_mesh.leaf), step.estimate
         at_edge = None if error.at_edge is None else error.at_edge[cell]
         estimate = replace(error, error=error.error[cell], energy=None, at_edge=at_edge)
-        adapted = step.record.assumed_effectivity == 1.0
-        return cls(fields, step.record.motions, adapted, estimate, step.contact_error.refine)
+        return cls(fields, step.record.motions, step.record.assumed_effectivity, estimate, step.contact_error.refine)
 
     def is_accurate(self, settings: Settings) -> bool:
         """True if a solved state needs no refinement.  Collective."""
-        assert self.estimate is not None and self.refine is not None, "solved"
-        theta = settings.control.effectivity(not self.adapted)
+        theta = self.effectivity
+        assert self.estimate is not None and self.refine is not None and theta is not None, "solved"
         more = self.forest.comm.allreduce(bool(self.refine.any()), op=MPI.LOR)
         return settings.control.sought(self.estimate, settings.tolerance, theta) is None and not more
 
     def refined(self, settings: Settings) -> Self:
         """A solved state on the forest refined for the tolerance, for contact and goals.  Collective."""
-        assert self.estimate is not None and self.refine is not None, "solved"
-        theta, comm = settings.control.effectivity(not self.adapted), self.forest.comm
-        marked = settings.control.marked(self.estimate, settings.tolerance, theta, comm)
-        return type(self)(self.fields.refined(np.maximum(marked, self.refine)), self.motions, adapted=True)
+        theta, control = self.effectivity, settings.control
+        assert self.estimate is not None and self.refine is not None and theta is not None, "solved"
+        later = control.effectivity(settings.degree, theta)
+        marked = control.marked(self.estimate, settings.tolerance, theta, self.forest.comm, later)
+        return type(self)(self.fields.refined(np.maximum(marked, self.refine)), self.motions, later)

@@ -65,7 +65,7 @@ class StepRecord(SolveRecord, ContactFigures):
         control: `ErrorControl.mode`.
         contact_iterations: of the active set.
         preconditioner: the chosen one, or its replacement.
-        assumed_effectivity: of the estimate: `ErrorControl.least_effectivity` on a first mesh, else 1 [-].
+        assumed_effectivity: of the estimate: `ErrorControl.least_effectivity` on a first mesh, at last 1 [-].
         pair_errors: estimated error of each pair's force, relative to the force: in runs with goals that of a goal
             `ContactForce`, else an upper bound of it if the tolerance allows the bound; None where it is 0 or nothing
             is known [-].  With a force on the obstacle: as of `ContactForce`, at a fixed place.

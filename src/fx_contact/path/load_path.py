@@ -119,6 +119,9 @@ class LoadPath:
 
     Attributes:
         records: of all points so far, with those before a restart.
+
+    Raises:
+        Error, SceneError: as `sweep`.
     """
 
     def __init__(
@@ -280,7 +283,7 @@ def _same_root(state: State, scene: Scene) -> bool:
 def next_increment(state: State) -> State:
     """The state from which the next increment begins: its displacement is history and a first guess.  Local."""
     fields = state.fields.with_field(HISTORY, state.fields["displacement"])
-    return State(fields, state.motions, adapted=True)
+    return State(fields, state.motions, 1.0)
 
 
 def carried_over(state: State, tolerance: float, kind: str) -> State:
