@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.items.boundary_conditions import evaluated
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.scene.scene import Scene
 
 #: Items of a scene that are compared, by their names in messages.
@@ -57,7 +59,7 @@ def same_mesh(one: RootMesh, other: RootMesh) -> bool:
 def item_fields(mesh: RootMesh, item: Any, place: str | None = None) -> list[Any]:
     """Class and fields of an item for JSON; digests of functions by their values at samples of a place.
 
-    Local.  By default the place is the first field of the item.
+    Local.  By default the place is the first field of the item.  Raises SceneError as `evaluated`.
     """
     values = [getattr(item, one.name) for one in fields(item)]
     result: list[Any] = [type(item).__name__]
@@ -65,7 +67,10 @@ def item_fields(mesh: RootMesh, item: Any, place: str | None = None) -> list[Any
         if value is None or isinstance(value, str):
             result.append(value)
         elif callable(value):
-            result.append(_digest(value(mesh.samples(place or values[0]).T.copy())))
+            points = mesh.samples(place or values[0])
+            given = value(points.T.copy())
+            what = f"what is prescribed on {place or values[0]!r}"
+            result.append(_digest(evaluated(what, lambda _, given=given: given, points, *np.shape(given)[:-1])))
         elif is_dataclass(value):
             result += item_fields(mesh, value, values[0])
         else:
@@ -73,9 +78,8 @@ def item_fields(mesh: RootMesh, item: Any, place: str | None = None) -> list[Any
     return result
 
 
-def _digest(values: Any) -> str:
+def _digest(values: FloatArray) -> str:
     """Digest of the values of a function, rounded to 1e-9 of the largest."""
-    values = np.nan_to_num(np.asarray(values, dtype=np.float64))
     size = np.abs(values).max(initial=0.0)
     rounded = np.rint(values / size * 1e9 if size else values).astype(np.int64)
     digest = hashlib.sha256(repr(float(f"{size:.9g}")).encode() + rounded.tobytes())
