@@ -97,7 +97,7 @@ def test_holds_what_the_step_had(scene, folder, degree, steps):
     displacement, error = by_leaf(step.forest, values, indicator)
     again, error_again = by_leaf(state.forest, state.fields["displacement"], state.estimate.error)
     assert np.array_equal(error, error_again) and state.estimate.relative == step.estimate.relative
-    assert state.effectivity == step.record.assumed_effectivity < 1
+    assert state.effectivity == step.record.assumed_effectivity
     # Of a hanging vertex ranks have values that differ by rounding.
     assert np.abs(displacement - again).max() <= (WORLD.size > 1) * 1e-15 * np.abs(displacement).max()
     size = (folder / NAME).stat().st_size
@@ -129,7 +129,7 @@ def test_finished_run(scene, folder):
     assert further.record.step > again.record.step and further.record.ratio <= 1
 
 
-@pytest.mark.parametrize("steps, assumed", [(1, 0.4), (2, 1.0)])
+@pytest.mark.parametrize("steps, assumed", [(1, 0.4), (2, 0.7)])
 def test_the_last_step_again(scene, folder, steps, assumed):
     """A solve on the mesh that a run has ended with is of a first mesh if that was one."""
     *_, last = adapt(scene, 0.16, degree=1, max_steps=steps, checkpoint=folder)

@@ -14,6 +14,8 @@ _THRESHOLDS = 1024
 #: xi_T^2 of a child over that of its parent at the edge of a contact: the pressure there is as r^(1/2) (Johnson, as in
 #: `contact_edge`), so is the stress, and xi_T^2 of a cell of size h as h^4 [-].
 _CHILD_AT_EDGE = 2.0**-4
+#: Relative difference of sums of errors that is rounding.
+_SAME = 1e-9
 #: The lowest one for goals over the largest error: a billion cells below it add up to 0.001 of that.
 _LOWEST_FOR_GOALS = 1e-12
 
@@ -45,7 +47,8 @@ def for_tolerance(estimate: Estimate, tolerance: float, target: float, comm: MPI
     aim = target * tolerance * estimate.energy_norm
     if child < child_error(1):
         aim = max(aim, np.sqrt(8 * child) * estimate.error_global)
-    need = estimate.error_global**2 - aim**2
+    # Uniform refinement, where the aim is what it leaves, suffices whatever the rounding.
+    need = (1 - _SAME) * (estimate.error_global**2 - aim**2)
 
     def choose(once: FloatArray, twice: FloatArray) -> int:
         """The highest threshold that suffices, as in `_mark`."""
