@@ -15,10 +15,10 @@ from studies.layers.run import coated, known
     ],
 )
 def test_force(ratio, goal, degree, within):
-    """To 0.3 % at degree 2, with a goal of 0.2 %; PCG takes at most 40 iterations, 27 without a coating."""
+    """To 0.3 % at degree 2, with a goal of 0.2 %; PCG takes at most 55 iterations, with those before factors take over."""
     scene, tolerance = coated(10.0, ratio), 0.05 if degree == 2 else 0.2
     goals = ContactForce(scene.contact[0].name, goal)
     run = adapt(scene, tolerance, degree=degree, goals=goals, allow=("large strain",))
     steps = [step.record for step in run]
     assert steps[-1].reached and steps[-1].force == pytest.approx(known(10.0, ratio), rel=within)
-    assert max(max(record.krylov_iterations) for record in steps) <= 40
+    assert max(max(record.krylov_iterations) for record in steps) <= 55
