@@ -38,7 +38,7 @@ def test_displacement_at_the_nodes_of_merged_leaves(degree):
     after = Space(begin.forest, degree)
     expected = (after.positions() @ rows)[after.cells]
     everywhere(np.allclose(begin.fields["carried"], expected, rtol=0, atol=1e-12), "the same values")
-    assert not begin.adapted
+    assert begin.effectivity == 1
 
 
 @pytest.mark.parametrize("share, levels", [(0.99, 2), (1.01, 1)])
@@ -82,7 +82,7 @@ def test_force_over_approach_is_that_of_hertz():
     assert slopes == pytest.approx(1.5, abs=0.02)  # the bodies are no half-spaces
     alone = solve(round_ends(values[1]), 0.15).record
     assert points[1].record.force == pytest.approx(alone.force, rel=0.15**2)
-    assert points[1].record.dofs < alone.dofs
+    assert points[1].record.dofs <= alone.dofs
     assert [point.begun for point in points] == ["anew", "coarse"]
 
 

@@ -42,10 +42,10 @@ def test_adaptive_rate_and_effectivity():
 
 @pytest.mark.ranks(1)
 def test_true_error_of_hertz():
-    """At e = 8 % the true error is what was asked for, and estimated within 10 %."""
+    """At e = 8 % the true error is what was asked for, and its estimate 0.8 to 1.25 of it."""
     *_, step = adapt(hertz(), 0.08)
     true = true_error(step, 0.05, hertz(order=6)).relative
-    assert 0.9 < step.record.estimate / true < 1.1
+    assert 0.8 < step.record.estimate / true < 1.25
     assert 0.04 < true < 0.088
 
 

@@ -15,7 +15,7 @@ from studies.layers.run import coated, known
     ],
 )
 def test_force(ratio, goal, degree, within):
-    """To 0.3 % at degree 2, with a goal of 0.2 %; PCG takes at most 55 iterations, with those before factors take over."""
+    """To 0.3 % at degree 2, with a goal of 0.2 %; at most 55 iterations, with those before factors take over."""
     scene, tolerance = coated(10.0, ratio), 0.05 if degree == 2 else 0.2
     goals = ContactForce(scene.contact[0].name, goal)
     run = adapt(scene, tolerance, degree=degree, goals=goals, allow=("large strain",))

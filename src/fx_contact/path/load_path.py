@@ -304,7 +304,7 @@ def carried_over(state: State, tolerance: float, kind: str) -> State:
     fields = state.fields
     if forest.comm.allreduce(bool(merges.any()), op=MPI.LOR):
         fields = fields.coarsened(forest.level - merges, kind)
-    return State(fields, state.motions)
+    return State(fields, state.motions, 1.0)
 
 
 def _merges(error2: FloatArray, allowed: float, child_error: float, level: Int8Array) -> Int8Array:
