@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from fx_contact import ErrorControl, Material, adapt
 from fx_contact.estimate.estimator import Estimate
-from fx_contact.estimate.marking import for_tolerance
+from fx_contact.estimate.marking import expected_estimate, for_tolerance
 from fx_contact.geometry.lattice import SIDE
 from fx_contact.scenes import indentation, stack
 
@@ -85,6 +85,35 @@ def test_one_step_of_degree_2_aims_at_a_quarter():
     marked = for_tolerance(linear, tolerance, CONTACT.target, WORLD)
     ratio = least_marked(linear, marked) / (tolerance / np.sqrt(linear.cells))
     assert 1.85 < ratio < 1.95, "not for the meshes to come"
+
+
+def test_a_measured_loss_predicts_the_next():
+    """Where half of the loss came that a smooth solution has, cells with twice the errors are refined."""
+    errors = np.geomspace(1e-4, 1e-2, 3000)
+    total = np.sqrt((errors**2).sum())
+    mine, aim = spread(errors, child_error=1 / 128), 0.9 * total
+    found = [for_tolerance(mine, aim, CONTACT.target, WORLD, rate) for rate in (1.0, 0.5)]
+    lost = [total**2 - left(mine, marked) ** 2 for marked in found]
+    need = total**2 - (0.9 * aim) ** 2
+    assert need <= lost[0] < 1.02 * need and 2 * need <= lost[1] < 2.04 * need
+    for marked in found:
+        expected = expected_estimate(mine, marked, WORLD)
+        assert expected == pytest.approx(left(mine, marked) / mine.energy_norm, rel=1e-12)
+
+
+def test_runs_pass_on_the_measured_loss(monkeypatch):
+    """By the last two records, from the second refinement on."""
+    rates, marked = [], ErrorControl.marked
+
+    def spy(self, *args):
+        rates.append(args[-1])
+        return marked(self, *args)
+
+    monkeypatch.setattr(ErrorControl, "marked", spy)
+    first, second, third = (step.record for step in adapt(indentation(coarse=2), 0.05, degree=1, max_steps=3))
+    lost = [first.estimate**2 - xi**2 for xi in (second.estimate, second.expected_estimate)]
+    assert first.expected_estimate is None and third.expected_estimate < second.estimate
+    assert rates == [1.0, pytest.approx(lost[0] / lost[1], rel=1e-12)] and 0.3 < rates[1] < 0.9
 
 
 def test_a_lower_threshold_saves_a_solve():

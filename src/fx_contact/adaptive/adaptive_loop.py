@@ -277,7 +277,7 @@ class Run:
         if state.is_accurate(self.settings) or len(self.records) >= self._max_steps:
             del self.records[-1]
         else:
-            state = state.refined(self.settings)
+            state = state.refined(self.settings, self._loss_rate())
         self._last["record"] = self.records[-1] if self.records else None
         return state
 
@@ -287,10 +287,16 @@ class Run:
         _check_penalty(step, settings)
         stages = self._stages(step.record.step + 1)
         with stages("refine"):
-            state = State.of(step).refined(settings)
+            state = State.of(step).refined(settings, self._loss_rate())
         self.step = None
         del step
         return self._moved(state, stages), stages
+
+    def _loss_rate(self) -> float:
+        """Loss of xi^2 by the last refinement over that of a smooth solution, at most 1."""
+        before, now = self.records[-2:][0], self.records[-1]
+        lost, expected = (before.estimate**2 - xi**2 for xi in (now.estimate, now.expected_estimate or 0.0))
+        return min(lost / expected, 1.0) if lost > 0 < expected else 1.0
 
     def _moved(self, state: State, stages: Stages) -> State:
         """A state on the ranks of the partition."""
@@ -335,7 +341,8 @@ def _start(state: State, settings: Settings) -> StepStart:
     prolongation = Prolongation(space)
     displacement = prolongation.injected(state.fields.at_nodes(space, "displacement"))
     theta = state.effectivity or settings.control.effectivity(settings.degree)
-    return StepStart(prolongation, displacement, state.fields.without("displacement"), theta, state.motions)
+    fields = state.fields.without("displacement")
+    return StepStart(prolongation, displacement, fields, theta, state.motions, state.expected)
 
 
 def _check_penalty(step: Step, settings: Settings) -> None:

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from fx_contact.adaptive.settings import Settings
 from fx_contact.adaptive.step import Step
 from fx_contact.estimate.estimator import Estimate
+from fx_contact.estimate.marking import expected_estimate
 from fx_contact.fem.nodal_fields import NodalFields
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import Int8Array
@@ -26,6 +27,7 @@ class State:
         effectivity: assumed of the estimate on the forest, as of `StepRecord`; None: that of a first mesh.
         estimate: errors in the order of the leaves; None: to be solved.
         refine: (n,), number of refinements of each leaf for contact and goals, beside those for the estimate.
+        expected: `StepRecord.expected_estimate`, of this mesh.
     """
 
     fields: NodalFields
@@ -33,6 +35,7 @@ class State:
     effectivity: float | None = None
     estimate: Estimate | None = None
     refine: Int8Array | None = None
+    expected: float | None = None
 
     @property
     def forest(self) -> Forest:
@@ -61,10 +64,12 @@ class State:
         more = self.forest.comm.allreduce(bool(self.refine.any()), op=MPI.LOR)
         return settings.control.sought(self.estimate, settings.tolerance, theta) is None and not more
 
-    def refined(self, settings: Settings) -> Self:
+    def refined(self, settings: Settings, loss_rate: float) -> Self:
         """A solved state on the forest refined for the tolerance, for contact and goals.  Collective."""
         theta, control = self.effectivity, settings.control
         assert self.estimate is not None and self.refine is not None and theta is not None, "solved"
         later = control.effectivity(settings.degree, theta)
-        marked = control.marked(self.estimate, settings.tolerance, theta, self.forest.comm, later)
-        return type(self)(self.fields.refined(np.maximum(marked, self.refine)), self.motions, later)
+        marked = control.marked(self.estimate, settings.tolerance, theta, self.forest.comm, later, loss_rate)
+        expected = expected_estimate(self.estimate, marked, self.forest.comm)
+        fields = self.fields.refined(np.maximum(marked, self.refine))
+        return type(self)(fields, self.motions, later, expected=expected)

@@ -87,6 +87,7 @@ class StepRecord(SolveRecord, ContactFigures):
         remote_rows: number of rows of contact and ties with nodes of other ranks.
         yielded_rows: of those that yield to conditions, ties or other contacts at their nodes.
         units: names of those of length and stress, as `Scene.units`.
+        expected_estimate: by the mesh before, if the solution is smooth; None: on a first mesh [-].
     """
 
     enforcement: str
@@ -110,6 +111,7 @@ class StepRecord(SolveRecord, ContactFigures):
     remote_rows: int = 0
     yielded_rows: int = 0
     units: Units = None
+    expected_estimate: float | None = None
 
     def __str__(self) -> str:
         return f"{report_text(self)}\n  {costs(self)}"

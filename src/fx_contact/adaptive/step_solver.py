@@ -67,6 +67,7 @@ class StepStart:
         fields: further fields at the nodes of the leaves.
         effectivity: assumed of the estimate, as `ErrorControl.effectivity`.
         motions: `StepRecord.motions` of the step before, if it is known.
+        expected: `StepRecord.expected_estimate`.
     """
 
     prolongation: Prolongation
@@ -74,6 +75,7 @@ class StepStart:
     fields: NodalFields
     effectivity: float
     motions: Mapping[str, Any] | None = None
+    expected: float | None = None
 
     @property
     def forest(self) -> Forest:
@@ -331,6 +333,7 @@ def _record(
         contact_iterations=state.solution.contact_iterations,
         preconditioner=state.solution.preconditioner,
         assumed_effectivity=start.effectivity,
+        expected_estimate=start.expected,
         pair_errors=of_contact.pair_errors,
         pair_leaves=of_contact.pair_leaves,
         penetrated_leaves=of_contact.penetrated_leaves,

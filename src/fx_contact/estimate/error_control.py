@@ -97,7 +97,13 @@ class ErrorControl:
 
     @collective("comm")
     def marked(
-        self, estimate: Estimate, tolerance: float, effectivity: float, comm: MPI.Intracomm, later: float = 1.0
+        self,
+        estimate: Estimate,
+        tolerance: float,
+        effectivity: float,
+        comm: MPI.Intracomm,
+        later: float = 1.0,
+        loss_rate: float = 1.0,
     ) -> Int8Array:
         """Number of refinements of each cell (ncells,) for a tolerance e [-], by theta here and `later`.
 
@@ -108,4 +114,5 @@ class ErrorControl:
         sought = self.sought(estimate, tolerance, effectivity)
         if sought is not None and estimate.relative <= sought:
             return np.ones(len(estimate.error), dtype=np.int8)
-        return for_tolerance(estimate, min(sought or tolerance, later * tolerance), self.target, comm)
+        sought = min(sought or tolerance, later * tolerance)
+        return for_tolerance(estimate, sought, self.target, comm, loss_rate)

@@ -25,16 +25,26 @@ def by_criterion(estimate: Estimate, tolerance: float) -> BoolArray:
     return estimate.error > _criterion(estimate, tolerance)
 
 
-def for_tolerance(estimate: Estimate, tolerance: float, target: float, comm: MPI.Intracomm) -> Int8Array:
+def expected_estimate(estimate: Estimate, times: Int8Array, comm: MPI.Intracomm) -> float:
+    """xi / omega after refinements of each cell (ncells,) of a smooth solution [-].  Collective on comm."""
+    left = float(np.sum(estimate.error**2 * (8 * estimate.child_error) ** times))
+    return float(np.sqrt(comm.allreduce(left))) / estimate.energy_norm if estimate.energy_norm else 0.0
+
+
+def for_tolerance(
+    estimate: Estimate, tolerance: float, target: float, comm: MPI.Intracomm, loss_rate: float = 1.0
+) -> Int8Array:
     """Number of refinements (ncells,), 0 to 2, for xi <= e omega, by the highest threshold expected to suffice.
 
     Collective on comm.  The aim is an error of `target` e omega; at degree 2 at least xi / 4, that after
-    uniform refinement of a smooth solution.  Cells at the edge of contact are refined twice earlier
-    (studies.effectivity.hertz_truth).  If threshold (2) is too high, the threshold is `_equidistributing`.
+    uniform refinement of a smooth solution.  The loss of xi^2 is predicted by that of the last refinement: at the edges
+    of a punch it is half of that (demos/indentation.py).  Cells at the edge of contact are refined
+    twice earlier (studies.effectivity.hertz_truth).  If threshold (2) is too high, it is `_equidistributing`.
 
     Args:
         tolerance: e [-].
         target: share of the tolerance, `ErrorControl.target` [-].
+        loss_rate: loss of xi^2 by the last refinement over that of a smooth solution [-].
     """
     criterion = _criterion(estimate, tolerance)
     largest = comm.allreduce(float(estimate.error.max(initial=0)), op=MPI.MAX)
@@ -52,7 +62,7 @@ def for_tolerance(estimate: Estimate, tolerance: float, target: float, comm: MPI
 
     def choose(once: FloatArray, twice: FloatArray) -> int:
         """The highest threshold that suffices, as in `_mark`."""
-        suffices = _lost(once, twice, loss)[:-1] >= need
+        suffices = _lost(once, twice, loss_rate * loss)[:-1] >= need
         return int(np.argmax(suffices)) if suffices.any() else of_later
 
     at_edge = False if estimate.at_edge is None else estimate.at_edge
