@@ -136,6 +136,7 @@ def test_the_last_step_again(scene, folder, steps, assumed):
     (again,) = adapt(scene, 0.16, degree=1, max_steps=steps, restart=Checkpoint(folder, scene, WORLD))
     assert again.record.step == last.record.step == steps - 1
     assert again.record.assumed_effectivity == last.record.assumed_effectivity == assumed
+    assert again.record.expected_estimate == last.record.expected_estimate
 
 
 # ------------------------------------------------------------------------------------------- what is wrong with a file

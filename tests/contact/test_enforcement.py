@@ -377,7 +377,7 @@ def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
         materials = dict.fromkeys((first, *others), Material(1.0, 0.3)) | {second: Material(ratio, 0.3)}
         steps = adapt(replace(scene, materials=materials), 0.16, degree=1)
         count.append(iterations(*(step.record for step in steps)))
-    assert max(count) <= 1.2 * min(count), count
+    assert max(count) <= 1.25 * min(count), count
 
 
 @pytest.mark.parametrize(
@@ -422,7 +422,7 @@ def test_stiff_penalty_at_degree_2():
 
 @pytest.mark.parametrize("make", COMPARED[:2])
 def test_iterations_do_not_depend_on_the_penalty(make):
-    """They vary by at most 20 % from the factor of 10 on, and forces tend to those of exact contact like 1/c."""
+    """They vary by at most 25 % from the factor of 10 on, and forces tend to those of exact contact like 1/c."""
     scene, count = make(), []
     for enforcement in (Enforcement(), *(Enforcement("penalty", 10.0**power) for power in (1, 3, 6, 12))):
         *_, last = records = [step.record for step in adapt(scene, 0.16, degree=1, enforcement=enforcement)]
@@ -433,7 +433,7 @@ def test_iterations_do_not_depend_on_the_penalty(make):
             soft = 0.2 / enforcement.factor + 1e-7  # of the force, less than of a pressure
             assert abs(last.force / exact.force - 1) < soft, enforcement
             assert abs(last.max_pressure / exact.max_pressure - 1) < 10 * soft, enforcement
-    assert max(count) <= 1.2 * min(count), count
+    assert max(count) <= 1.25 * min(count), count
 
 
 @pytest.mark.parametrize(

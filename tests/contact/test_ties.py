@@ -180,7 +180,7 @@ def test_a_bar_cut_in_two(degree, order):
 
 def test_a_bar_cut_in_two_is_refined_alike():
     """The singular edges of the clamp decide: at degree 2 all meshes of the run have the same leaves."""
-    runs = [list(adapt(scene, 0.02, degree=2)) for scene in (bar(whole()), bar(cut(), TIED))]
+    runs = [list(adapt(scene, 0.015, degree=2)) for scene in (bar(whole()), bar(cut(), TIED))]
     one, two = ([step for step in steps if step.record.cells > 32] for steps in runs)
     assert len(one) == len(two) > 2
     assert all(np.array_equal(leaves(a), leaves(b)) for a, b in zip(one, two))

@@ -14,12 +14,10 @@ from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import print_row, table_head, table_row
-from fx_contact.adaptive.step_solver import StepStart, solve_step
+from fx_contact.adaptive.step_solver import solve_step
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.quantities import Quantity
-from fx_contact.fem.prolongation import Prolongation
-from fx_contact.fem.space import Space
 from fx_contact.forest.partition import KINDS
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.linalg.solver_options import Solver
@@ -277,7 +275,7 @@ class Run:
         if state.is_accurate(self.settings) or len(self.records) >= self._max_steps:
             del self.records[-1]
         else:
-            state = state.refined(self.settings, self._loss_rate())
+            state = state.refined(self.settings, self.records)
         self._last["record"] = self.records[-1] if self.records else None
         return state
 
@@ -287,16 +285,10 @@ class Run:
         _check_penalty(step, settings)
         stages = self._stages(step.record.step + 1)
         with stages("refine"):
-            state = State.of(step).refined(settings, self._loss_rate())
+            state = State.of(step).refined(settings, self.records)
         self.step = None
         del step
         return self._moved(state, stages), stages
-
-    def _loss_rate(self) -> float:
-        """Loss of xi^2 by the last refinement over that of a smooth solution, at most 1."""
-        before, now = self.records[-2:][0], self.records[-1]
-        lost, expected = (before.estimate**2 - xi**2 for xi in (now.estimate, now.expected_estimate or 0.0))
-        return min(lost / expected, 1.0) if lost > 0 < expected else 1.0
 
     def _moved(self, state: State, stages: Stages) -> State:
         """A state on the ranks of the partition."""
@@ -310,7 +302,7 @@ class Run:
         with stages("partition"):
             partition = PartitionSummary.of(state.forest, self._kind)
         with stages("hanging"):
-            start = _start(state, settings)
+            start = state.start(settings)
             del state
         self._last.update(forest=start.forest, displacement=start.displacement)
         step = solve_step(settings, len(self.records), start, partition, stages)
@@ -333,16 +325,6 @@ class Run:
         """Stages of a step, reported to the user's progress."""
         progress = self._progress
         return Stages((lambda name: progress(number, name)) if callable(progress) else None)
-
-
-def _start(state: State, settings: Settings) -> StepStart:
-    """Start of a solve on the forest of a state.  Collective."""
-    space = Space(state.forest, settings.degree)
-    prolongation = Prolongation(space)
-    displacement = prolongation.injected(state.fields.at_nodes(space, "displacement"))
-    theta = state.effectivity or settings.control.effectivity(settings.degree)
-    fields = state.fields.without("displacement")
-    return StepStart(prolongation, displacement, fields, theta, state.motions, state.expected)
 
 
 def _check_penalty(step: Step, settings: Settings) -> None:

@@ -180,4 +180,4 @@ class Checkpoint:
         xi, omega, cells = content["estimate"]
         estimate = Estimate(error, None, xi, omega, cells, child_error(space.degree), at_edge)
         last, fields = self.records[-1], NodalFields(forest, values[space.cells], content["fields"])
-        return State(fields, last.motions, last.assumed_effectivity, estimate, refine)
+        return State(fields, last.motions, last.assumed_effectivity, estimate, refine, last.expected_estimate)

@@ -1,6 +1,6 @@
 """The state of a run between two meshes, and of a load path between two points."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -9,9 +9,13 @@ from mpi4py import MPI
 
 from fx_contact.adaptive.settings import Settings
 from fx_contact.adaptive.step import Step
+from fx_contact.adaptive.step_record import StepRecord
+from fx_contact.adaptive.step_solver import StepStart
 from fx_contact.estimate.estimator import Estimate
 from fx_contact.estimate.marking import expected_estimate
 from fx_contact.fem.nodal_fields import NodalFields
+from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import Int8Array
 
@@ -57,6 +61,15 @@ class State:
         estimate = replace(error, error=error.error[cell], energy=None, at_edge=at_edge)
         return cls(fields, step.record.motions, step.record.assumed_effectivity, estimate, step.contact_error.refine)
 
+    def start(self, settings: Settings) -> StepStart:
+        """Start of a solve on the forest.  Collective."""
+        space = Space(self.forest, settings.degree)
+        prolongation = Prolongation(space)
+        displacement = prolongation.injected(self.fields.at_nodes(space, "displacement"))
+        theta = self.effectivity or settings.control.effectivity(settings.degree)
+        fields = self.fields.without("displacement")
+        return StepStart(prolongation, displacement, fields, theta, self.motions, self.expected)
+
     def is_accurate(self, settings: Settings) -> bool:
         """True if a solved state needs no refinement.  Collective."""
         theta = self.effectivity
@@ -64,12 +77,21 @@ class State:
         more = self.forest.comm.allreduce(bool(self.refine.any()), op=MPI.LOR)
         return settings.control.sought(self.estimate, settings.tolerance, theta) is None and not more
 
-    def refined(self, settings: Settings, loss_rate: float) -> Self:
-        """A solved state on the forest refined for the tolerance, for contact and goals.  Collective."""
+    def refined(self, settings: Settings, records: Sequence[StepRecord]) -> Self:
+        """A solved state on the forest refined for the tolerance, contact and goals, by all records.  Collective."""
         theta, control = self.effectivity, settings.control
         assert self.estimate is not None and self.refine is not None and theta is not None, "solved"
         later = control.effectivity(settings.degree, theta)
-        marked = control.marked(self.estimate, settings.tolerance, theta, self.forest.comm, later, loss_rate)
+        marked = control.marked(self.estimate, settings.tolerance, theta, self.forest.comm, later, loss_rate(records))
         expected = expected_estimate(self.estimate, marked, self.forest.comm)
         fields = self.fields.refined(np.maximum(marked, self.refine))
         return type(self)(fields, self.motions, later, expected=expected)
+
+
+def loss_rate(records: Sequence[StepRecord]) -> float:
+    """Loss of xi^2 by the last refinement over that of a smooth solution, at most 1; 1 on a first mesh [-].  Local."""
+    now, before = records[-1], records[-2:][0]
+    if now.expected_estimate is None:
+        return 1.0
+    lost, expected = (before.estimate**2 - xi**2 for xi in (now.estimate, now.expected_estimate))
+    return min(lost / expected, 1.0) if lost > 0 < expected else 1.0

@@ -126,13 +126,18 @@ class StepRecord(SolveRecord, ContactFigures):
     def approaches(self) -> list[Any] | None:
         """Former `motions`, a list with an entry for each contact pair, tie and rigid load."""
         warnings.warn("approaches is now motions, by name", DeprecationWarning, stacklevel=2)
+        return self._approaches()
+
+    def _approaches(self) -> list[Any] | None:
         kinds = "contact", "tie", "rigid load"
         names = (one.name for one in self.resultants or () if one.kind in kinds)
         return [self.motions.get(name) for name in names] if self.motions else None
 
     def as_json(self) -> dict[str, Any]:
-        """The entries, without optional ones that are not known, and without motions if there are none.  Local."""
-        return {name: value for name, value in super().as_json().items() if name != "motions" or value}
+        """The entries, without optional ones that are not known; with motions also their former list.  Local."""
+        entries = super().as_json()
+        former = entries.pop("motions") and {"motions": self.motions, "approaches": self._approaches()}
+        return entries | (former or {})
 
     @classmethod
     def from_json(cls, entries: dict[str, Any]) -> Self:

@@ -128,7 +128,7 @@ class DualFunctions:
     """
 
     def __init__(self, facets: LeafFacets, degree: int, tables: FloatArray, segments: SegmentIntegrals) -> None:
-        self._facets, self._degree, self._tables, self._segments = facets, degree, tables, segments
+        self._degree, self._tables, self._segments = degree, tables, segments
         points, weights = (np.asarray(values) / 2 for values in np.polynomial.legendre.leggauss(degree + 2))
         uv = np.stack(np.meshgrid(points + 0.5, points + 0.5), axis=-1).reshape(-1, 2)
         jacobian = facets.at(np.broadcast_to(uv, (len(facets), *uv.shape))).jacobian

@@ -38,7 +38,7 @@ def find_supports(scene: Scene, forest: Forest, prolongation: Prolongation) -> S
     """
     conditions = [condition for condition in scene.conditions if isinstance(condition, Dirichlet)]
     with together(forest.comm):
-        places = [_conforming_at(scene, prolongation, condition.where) for condition in conditions]
+        places = [_conforming_at(prolongation, condition.where) for condition in conditions]
         local = [condition.at(prolongation.space.positions(here)) for condition, here in zip(conditions, places)]
     largest = max((np.nanmax(np.abs(values), initial=0.0) for values in local), default=0.0)
     largest = forest.comm.allreduce(largest, op=MPI.MAX)
@@ -115,11 +115,11 @@ def held_nodes(
     conditions = scene.conditions if conditions is None else conditions
     on = prolongation.zeros(len(conditions))
     for column, condition in enumerate(conditions):
-        on[prolongation.conforming[_conforming_at(scene, prolongation, condition.where)], column] = 1
+        on[prolongation.conforming[_conforming_at(prolongation, condition.where)], column] = 1
     return [np.flatnonzero(column) for column in prolongation.summed(on).T]
 
 
-def _conforming_at(scene: Scene, prolongation: Prolongation, where: str) -> IntArray:
+def _conforming_at(prolongation: Prolongation, where: str) -> IntArray:
     """This rank's conforming nodes on a named surface or curve, or at a named vertex, as positions in the Space."""
     space, forest, mesh = prolongation.space, prolongation.space.forest, prolongation.space.forest.mesh
     if where in mesh.surfaces:

@@ -149,9 +149,9 @@ class Elasticity(NodalSpaces):
         """Cauchy stress [Pa] of a field, a UFL expression.  Local."""
         return self._law(field.strain, field.volume_strain)
 
-    def hooke(self, u: ufl.core.expr.Expr, volume_strain: ufl.core.expr.Expr | None = None) -> ufl.core.expr.Expr:
-        """Hooke's law: the Cauchy stress [Pa] of a displacement, by default with the volume strain div u.  Local."""
-        return self._law(ufl.sym(ufl.grad(u)), ufl.div(u) if volume_strain is None else volume_strain)
+    def hooke(self, u: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """Hooke's law: the Cauchy stress [Pa] of a displacement.  Local."""
+        return self._law(ufl.sym(ufl.grad(u)), ufl.div(u))
 
     def _law(self, strain: ufl.core.expr.Expr, volume_strain: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
         stress = self.lame[0] * volume_strain * ufl.Identity(3) + 2 * self.lame[1] * strain

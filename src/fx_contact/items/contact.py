@@ -11,7 +11,7 @@ from fx_contact.items.motions import Approach, Motion
 from fx_contact.items.obstacles import Obstacle, RigidPlane
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_direction, check_number, check_vector
+from fx_contact.parallel.validation import check_direction, check_number, check_vector, shown
 
 #: Cosine of the angle between normals up to which they are those of a smooth surface: 15 degrees, as of the facets of a
 #: circle of twelve cells.
@@ -130,6 +130,9 @@ class ContactPair(Contact):
     force: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.first, str) or not isinstance(self.second, str | Obstacle):
+            wanted = "the name of a surface, then that of another one or an obstacle, as RigidSphere(centre, radius)"
+            raise SceneError(f"a ContactPair takes {wanted}, got {shown(self.first)} and {shown(self.second)}")
         if self.first == self.second:
             raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
         check_vector(f"the displacement of the obstacle below {self.first!r}", self.moved)

@@ -9,7 +9,7 @@ from fx_contact.items.contact import Coupling
 from fx_contact.items.motions import Closing
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_direction, check_number, check_vector
+from fx_contact.parallel.validation import check_direction, check_number, check_vector, shown
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,10 @@ class Tie(Coupling):
     second: str
 
     def __post_init__(self) -> None:
+        if not isinstance(self.first, str) or not isinstance(self.second, str):
+            raise SceneError(
+                f"a tie takes the names of two surfaces, got {shown(self.first)} and {shown(self.second)}"
+            )
         if self.first == self.second:
             raise SceneError(f"surface {self.first!r} cannot be tied to itself")
 

@@ -11,6 +11,7 @@ from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_system import Springs
 from fx_contact.items.contact import TangentialLaw
 from fx_contact.parallel.arrays import BoolArray, FloatArray
+from fx_contact.parallel.errors import SceneError
 
 
 class TangentialStatus(ABC):
@@ -44,10 +45,15 @@ STATUS: dict[type[TangentialLaw], type[TangentialStatus]] = {}
 def tangential_status(rows: ConstraintRows, before: FloatArray | None) -> list[TangentialStatus]:
     """Status of the tangents of each contact with a tangential law, after a displacement (owned, 3) [m]; None: 0.
 
-    Collective on the prolongation's comm.
+    Collective on the prolongation's comm.  Raises SceneError for an unknown law.
     """
     laws = [(kind.index, kind.contact.tangential) for kind in rows.kinds if kind.contact.tangential is not None]
     if not laws:
         return []
+    for _, law in laws:
+        if type(law) not in STATUS:
+            raise SceneError(
+                f"there is no status of tangents for a {type(law).__name__}: add one to law.tangential.STATUS"
+            )
     history, tangents = np.zeros(len(rows)) if before is None else rows.jump(before), rows.role == Role.TANGENT
     return [STATUS[type(law)](law, rows, tangents & (rows.contact == index), history) for index, law in laws]

@@ -17,7 +17,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fx_contact.linalg.krylov import KrylovMethod, Outcome
-from fx_contact.linalg.operator import Equations, Operator, PressureOperator, Sum
+from fx_contact.linalg.operator import Equations, Operator, PressureOperator
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.stopping import EnergyNorm
@@ -48,7 +48,7 @@ class FlexibleGmres(KrylovMethod):
     ) -> None:
         super().__init__(options, stiffness, matrix, energy_norm, objects, len(volume))
         self._ksp.setGMRESRestart(_RESTART)
-        self._volume, self._full = volume, Sum([stiffness, volume])
+        self._volume = volume
         self._forces, self._displacement = (objects.add(matrix.createVecRight()) for _ in range(2))
         self._pressure: FloatArray = np.zeros(len(volume))
         self._weight = np.sqrt(volume.missing)

@@ -81,6 +81,7 @@ def increments(*arguments: Any, **options: Any) -> "LoadPath":
 
     Args and Raises: as `sweep`; also SceneError if the root mesh or the contact pairs of the scene change.
     """
+    signature(sweep).bind(*arguments, **options)
     return LoadPath("increments", *arguments, **options)
 
 
@@ -139,6 +140,10 @@ class LoadPath:
         check_comm(comm)
         with together(comm):
             self._values = _checked(scene_of, values, tolerance, options)
+            if not isinstance(restart, bool):
+                raise SceneError(
+                    f"restart of a load path must be True or False, its folder is `folder`, got {shown(restart)}"
+                )
             if restart and folder is None:
                 raise SceneError("a load path restarts from the folder of one before: name it")
             self._folder = None if folder is None else as_path("the folder of a load path", folder)
