@@ -370,14 +370,14 @@ COMPARED = [
 
 @pytest.mark.parametrize("make", COMPARED)
 def test_iterations_do_not_depend_on_the_stiffness_ratio(make):
-    """They vary by at most 20 % from 1e-6 to 1e6, and there is no penalty."""
+    """On the first three meshes they vary by at most 20 % from 1e-6 to 1e6, and there is no penalty."""
     scene, count = make(), []
     first, second, *others = scene.materials
     for ratio in (1e-6, 1.0, 1e6):
         materials = dict.fromkeys((first, *others), Material(1.0, 0.3)) | {second: Material(ratio, 0.3)}
-        steps = adapt(replace(scene, materials=materials), 0.16, degree=1)
+        steps = adapt(replace(scene, materials=materials), 0.16, degree=1, max_steps=3)
         count.append(iterations(*(step.record for step in steps)))
-    assert max(count) <= 1.25 * min(count), count
+    assert max(count) <= 1.2 * min(count), count
 
 
 @pytest.mark.parametrize(
