@@ -17,6 +17,7 @@ from fx_contact.geometry.swept_shapes import extrude, revolve, sweep_side
 from fx_contact.items.boundary_conditions import BodyForce, Dirichlet, Pressure, RigidMotion, SymmetryPlane, Traction
 from fx_contact.items.contact import ContactPair
 from fx_contact.items.elastic_support import Elastic
+from fx_contact.items.friction import Tresca
 from fx_contact.items.materials import Material, Orthotropic
 from fx_contact.items.obstacles import RigidCone, RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from fx_contact.items.rigid_loads import RigidLoad
@@ -81,6 +82,7 @@ __all__ = [
     "ThermalStrain",
     "Tie",
     "Traction",
+    "Tresca",
     "ValidityError",
     "adapt",
     "ball",

@@ -26,8 +26,9 @@ from fx_contact import (
 from fx_contact.contact.constraint_rows import Role
 from fx_contact.contact.contact_system import Springs
 from fx_contact.contact.row_kinds import tangent_axes
-from fx_contact.items.contact import TangentialLaw
-from fx_contact.law.tangential import STATUS, TangentialStatus
+from fx_contact.items.friction import TangentialLaw
+from fx_contact.law.tangential import STATUS
+from fx_contact.law.tangents import TangentialStatus
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
@@ -56,13 +57,6 @@ class SpringStatus(TangentialStatus):
         return Springs(stiffness, np.where(self.ours, self.history, 0.0))
 
 
-@dataclass(frozen=True)
-class SpringPair(ContactPair):
-    """A contact pair with a tangential law."""
-
-    tangential: TangentialLaw | None = None
-
-
 @pytest.fixture(autouse=True)
 def law(monkeypatch):
     """The law is known."""
@@ -80,7 +74,7 @@ def sheared(shear, traction=0.0, upper=(2, 2, 2), below="base", law=LinearSpring
     held += [Dirichlet("base bottom", x=0.0, z=0.0)] if below == "base" else []
     sides = ("left", -traction), ("right", traction)
     loads = [Traction(f"{body} {side}", (0.0, 0.0, load)) for body in bodies for side, load in sides if load]
-    pair = ContactPair("cube bottom", second) if law is None else SpringPair("cube bottom", second, tangential=law)
+    pair = ContactPair("cube bottom", second, friction=0.0 if law is None else law)
     mesh = root_mesh_from_shapes(bodies)
     return Scene("sheared", mesh, dict.fromkeys(bodies, Material(YOUNG, 0.0)), held, pair, loads)
 
@@ -122,7 +116,7 @@ def rough(shear):
     """A cube pressed and pulled sideways on a larger base, which is refined at the edges."""
     bodies = {"base": block((-1, 0, -1), (2, 1, 0), (6, 2, 2), 1), "cube": block((0, 0, 0), (1, 1, 1), (2, 2, 2), 1)}
     held = Dirichlet("base bottom", 0.0, 0.0, 0.0), Dirichlet("cube top", shear, 0.0, -5e-3)
-    pair = SpringPair("cube bottom", "base top", tangential=LinearSprings(STIFFNESS))
+    pair = ContactPair("cube bottom", "base top", friction=LinearSprings(STIFFNESS))
     return Scene("rough", root_mesh_from_shapes(bodies), dict.fromkeys(bodies, Material(YOUNG, 0.3)), held, pair)
 
 

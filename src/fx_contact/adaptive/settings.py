@@ -63,6 +63,8 @@ class Settings:
                 article = "an" if kind.__name__[0] in "AEIOU" else "a"
                 advice = f": write {kind.__name__}({shown(value)})" if isinstance(value, str) else ""
                 raise SceneError(f"{name} must be {article} {kind.__name__}, got {shown(value)}{advice}")
+        if self.enforcement.method != "exact" and any(pair.tangential is not None for pair in self.scene.contact):
+            raise SceneError("friction needs the enforcement 'exact', the default: leave the penalty away")
         degree = self._whole(
             "degree", DEGREES, f"the degree of displacements must be {' or '.join(map(str, DEGREES))}"
         )

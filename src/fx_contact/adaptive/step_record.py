@@ -199,6 +199,8 @@ def _lines(r: StepRecord) -> Iterator[str]:
         largest = f"largest pressure {r.max_pressure:.5g}{_unit(r, 'stress')}"
         radius = f", contact radius {r.contact_radius:.5g}{_unit(r, 'length')}" if r.contact_radius else ""
         yield f"{r.active_pairs:,} contact nodes closed, {largest}{radius}"
+    if r.slipping_pairs is not None:
+        yield f"friction: {r.sticking_pairs:,} nodes stick, {r.slipping_pairs:,} slip"
     yield from _contacts(r)
     yield from _resultants(r)
     yield from map(str, r.goals)

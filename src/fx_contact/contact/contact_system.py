@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.constraint_rows import Role
+from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import MatrixPenalty, PenaltyTerm
@@ -122,9 +122,9 @@ class ContactSystem:
         self._is_set_up = False
         self._energy = 0.0  # of the last solution, twice [J]
 
-    def exchange_rows(self, jump: Jump) -> None:
+    def exchange_rows(self, rows: ConstraintRows) -> None:
         """Go on with rows of the same nodes with other directions and gaps."""
-        self._take(jump)
+        self._take(Jump(rows, self._supports))
 
     def _take(self, jump: Jump) -> None:
         """Rows of a jump, and the constant motions of their interfaces."""
@@ -203,7 +203,7 @@ class ContactSystem:
         """True if rows without projection have another status in the preconditioner: outliers of the spectrum."""
         capped = self._capped(springs)
         free = springs.stiffness <= self.capped_stiffness
-        return any_true(self.comm, (self._in_matrix.stiffness != capped) & free)
+        return any_true(self.comm, ((self._in_matrix.stiffness > 0) != (capped > 0)) & free)
 
     def dual(
         self, load: FloatArray, penetration: FloatArray, tolerance: float, z: FloatArray | None = None
@@ -240,22 +240,25 @@ class ContactSystem:
         return force if springs.force is None else force + springs.force
 
     def trial(self, u: FloatArray) -> FloatArray:
-        """Forces (n,) of closed rows, and k_c (B u - D) of open ones, for the last solution u (owned, 3) [m].
+        """Forces (n,) of closed rows and tangents, k_c (B u - D) of open ones, for the last solution u (owned, 3) [m].
 
         Normals that remain open after the projection, because other constraints determine them, count as open.
 
         Raises:
             SolveError: as `Projection`; prescribed displacements force closed rows to penetrate.
         """
-        springs, normal = self.springs, self.jump.rows.role == Role.NORMAL
-        held = springs.closed & ((self.jump.rows.role != Role.TANGENT) | np.isinf(springs.stiffness))
+        springs, role = self.springs, self.jump.rows.role
+        normal, tangent = role == Role.NORMAL, role == Role.TANGENT
+        held = springs.closed & (~tangent | np.isinf(springs.stiffness))
         left = self._shifted.penetration(self._projector.of(self._shifted, held).onto_closed(u))
         if self._given is not None:
             left = left + self._motions.found(left) @ self._motions.rates
         force = self.forces(u)
         opens = self._projection.closed & normal & (left < -self._rounding(force, u))
-        trial = np.where(springs.closed & ~opens, force, PenaltyTerm(self.jump, self.capped_stiffness).forces(u))
-        self._check_apart(np.where(held, np.where(normal, left, np.abs(left)), 0.0), self._rounding(trial, u))
+        known = tangent | (springs.closed & ~opens)
+        trial = np.where(known, force, PenaltyTerm(self.jump, self.capped_stiffness).forces(u))
+        apart = np.where(held & ~tangent, np.where(normal, left, np.abs(left)), 0.0)
+        self._check_apart(apart, self._rounding(trial, u))
         return trial
 
     def _check_apart(self, left: FloatArray, rounding: float) -> None:

@@ -16,12 +16,13 @@ from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
 from fx_contact.contact.mortar_rows import MortarRows
 from fx_contact.contact.node_pairs import NodePairs
 from fx_contact.contact.obstacle_rows import ObstacleRows, PlaneRows, RigidFaceRows
+from fx_contact.contact.precedence import Precedence
 from fx_contact.contact.row_entries import Entries, KeyedEntries
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.items.contact import SMOOTH, Contact, ContactPair
 from fx_contact.items.obstacles import Obstacle, RigidPlane
 from fx_contact.items.ties import Tie
-from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.scene.rigid_faces import RigidFace
 from fx_contact.scene.scene import Scene
@@ -138,9 +139,31 @@ def _with_tangents(rows: ConstraintRows) -> ConstraintRows:
     ours = slice(len(normals), len(normals) + len(tangents))
     normal, apart, gap = result.normal.copy(), result.apart.copy(), result.gap.copy()
     role, axis = result.role.copy(), result.axis.copy()
-    normal[ours], apart[ours], gap[ours] = np.concatenate(tangent_axes(rows.normal[some])), 0.0, 0.0
+    axes = _not_yielding(rows, some, np.stack(tangent_axes(rows.normal[some]), axis=1))
+    normal[ours], apart[ours], gap[ours] = np.concatenate([axes[:, 0], axes[:, 1]]), 0.0, 0.0
     role[ours], axis[ours] = Role.TANGENT, np.repeat([1, 2], len(some))
     return replace(result, normal=normal, apart=apart, gap=gap, role=role, axis=axis)
+
+
+def _not_yielding(rows: ConstraintRows, some: IntArray, axes: FloatArray) -> FloatArray:
+    """Tangents (m, 2, 3) of normals (m,) among rows, turned so that they yield to constraints before them, or do not.
+
+    Those that yield are 0.  Collective.
+    """
+    for kind in rows.kinds:
+        if kind.contact.tangential is not None and kind.index in kind.scene.pairing.nonmatching:
+            ours = rows.contact[some] == kind.index
+            precedence = Precedence(kind.scene, rows.prolongation, kind.index)
+            turned = axes[ours]
+            held = np.einsum("nai,nij,nbj->nab", turned, precedence.held[rows.first[some[ours]]], turned)
+            turned = np.linalg.eigh(held)[1].swapaxes(1, 2) @ turned
+            nodes = rows.first[some[ours]]
+            for axis in range(2):
+                direction = rows.prolongation.zeros(3)
+                direction[nodes] = turned[:, axis]
+                turned[precedence.yields(direction, Role.TANGENT)[nodes], axis] = 0.0
+            axes[ours] = turned
+    return axes
 
 
 def tangent_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:

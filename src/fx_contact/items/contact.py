@@ -7,6 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from fx_contact.items.friction import TangentialLaw, friction_law
 from fx_contact.items.motions import Approach, Motion
 from fx_contact.items.obstacles import Obstacle, RigidPlane
 from fx_contact.parallel.arrays import FloatArray
@@ -18,15 +19,10 @@ from fx_contact.parallel.validation import check_direction, check_number, check_
 SMOOTH = 0.966
 
 
-class TangentialLaw:
-    """Tangential behaviour of a contact, as data; its forces: `law.tangential`."""
-
-
 class Contact(ABC):
     """Possible contact of a surface with an obstacle, or of two surfaces.
 
     Attributes:
-        tangential: law of the tangents; None: there are no tangential forces, and no rows for them.
         clearance: added to the gap, negative for interference [m].
         force: on the obstacle, along which it is free to move [N]; None: it does not move by itself.
     """
@@ -37,9 +33,13 @@ class Contact(ABC):
     KIND: ClassVar[str] = "contact"
     JOINT: ClassVar[str] = "on"
 
-    tangential: TangentialLaw | None = None
     clearance: float = 0.0
     force: tuple[float, float, float] | None = None
+
+    @property
+    def tangential(self) -> TangentialLaw | None:
+        """Law of the tangents; None: there are no tangential forces, and no rows for them."""
+        return None
 
     @property
     def motion(self) -> Motion | None:
@@ -105,10 +105,10 @@ class ContactPair(Contact):
 
     Where each facet of the first surface faces one of the second (`Pairing`), rows are of pairs of nodes.  Other
     meshes have mortar rows on the surface of the softer body, of alike ones the finer surface, in whichever order they
-    are given.  Contact forces are normal to the surfaces, or to the obstacle.
+    are given.  Without friction contact forces are normal to the surfaces, or to the obstacle.
 
     Raises SceneError for a surface with itself, an invalid direction, vector or number, a force that is zero or beside
-    a `direction`, or `moved` or `force` without an obstacle.
+    a `direction` or friction, or `moved` or `force` without an obstacle.
 
     Attributes:
         second: the other surface, or the obstacle.
@@ -120,6 +120,7 @@ class ContactPair(Contact):
         force: on the obstacle, of all symmetric parts as forces in the records [N].  The obstacle is free to move
             along it, to where the contact force in this direction balances it; other translations and rotations are
             held.  None: it stays at `moved`.
+        friction: coefficient mu of Coulomb's law [-], or another law, as Tresca(bound); 0: none.
     """
 
     first: str
@@ -128,6 +129,7 @@ class ContactPair(Contact):
     moved: tuple[float, float, float] = (0.0, 0.0, 0.0)
     clearance: float = 0.0
     force: tuple[float, float, float] | None = None
+    friction: float | TangentialLaw = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.first, str) or not isinstance(self.second, str | Obstacle):
@@ -145,7 +147,16 @@ class ContactPair(Contact):
                 raise SceneError(f"({self.first!r}, {self.second!r}) has no obstacle that a force could press")
             if self.direction is not None:
                 raise SceneError(f"{self.name!r} has a direction, that of the force: leave `direction` away")
-        _ = self.unit_direction  # raises an error for an invalid direction
+            if self.tangential is not None:
+                raise SceneError(
+                    f"friction on {self.label}, an obstacle that a force moves, is not possible: move it by `moved`"
+                )
+        _ = self.tangential, self.unit_direction  # raises an error for an invalid direction
+
+    @property
+    def tangential(self) -> TangentialLaw | None:
+        """As `Contact.tangential`."""
+        return friction_law(self.friction)
 
     @property
     def obstacle(self) -> Obstacle | None:

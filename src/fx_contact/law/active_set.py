@@ -1,10 +1,11 @@
-"""Solution of the unilateral law: active sets, and the interior-point method after many updates."""
+"""Solution of the laws: active sets with stick and slip, the interior-point method after many updates without."""
 
 from fx_contact.contact.contact_system import ContactSystem
 from fx_contact.law.interior_point import find_closed_rows
 from fx_contact.law.unilateral import Unilateral
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.errors import SolveError
 
 #: Updates of the active set before the interior-point method takes over: as many as its linear solves, so that both
 #: together take at most twice those of the better one.
@@ -22,12 +23,21 @@ def solve_law(
     """
     tolerance = options.loose_tolerance
     while True:
-        u = system.solve(law.springs(), u, tolerance)
+        if law.slides:
+            system.exchange_rows(law.turned_rows())
+        try:
+            u = system.solve(law.springs(), u, tolerance)
+        except SolveError as error:
+            law.check_sliding(error)
+            raise
         trial = system.trial(u)
+        law.turn_back(trial)
         loose = tolerance > options.tolerance
         wanted = law.wanted(trial, system.solver.energy_error * options.tolerance / tolerance)
-        if law.differs(wanted) and not (loose and law.cycles(wanted)):
-            if law.updates == law.of_others + _UPDATES:
+        if law.slides and law.slide(u, trial, system.solver.energy_error):
+            law.restart(wanted, u, 0)
+        elif law.differs(wanted) and not (loose and law.cycles(wanted)):
+            if law.updates == law.of_others + _UPDATES and not law.slides:
                 u, wanted, solves = find_closed_rows(system, law, u)
                 law.restart(wanted, u, solves)
             else:

@@ -1,6 +1,7 @@
 """The contact loop over active sets."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -38,6 +39,8 @@ class ContactSolution:
         row_force: (n + m,), of all rows, of the first side on the second along their directions; 0 in rows whose nodes
             are all constrained [N].
         motions: found along given forces, by the names of interfaces, as in `StepRecord.motions`.
+        slip: (n + m,), d of the load step in tangents of closed normals, else 0 [m].
+        slipping: (n,), closed normals whose tangents slip.
         yielded_rows: number of all ranks' rows that are left out, or prescribed, by conditions, ties or contacts before
             theirs (`contact.precedence`).
         energy_error: bound of the linear solver's error in the energy norm [J^(1/2)].
@@ -53,6 +56,8 @@ class ContactSolution:
     krylov_iterations: list[int]
     preconditioner: str
     row_force: FloatArray
+    slip: FloatArray
+    slipping: BoolArray
     motions: dict[str, float | list[float]]
     yielded_rows: int
     energy_error: float
@@ -95,7 +100,6 @@ def solve_system(
     """
     rows, matrix, comm = problem.rows, problem.matrix.mat, problem.matrix.comm
     system: ContactSystem | LinearSystem
-    active: BoolArray
     motions: dict[str, float | list[float]] = {}
     u = problem.supports.admissible(start)
     with stages("system"):
@@ -108,9 +112,7 @@ def solve_system(
         system = LinearSystem(problem, options.solver, stages, objects)
         with stages("solve"):
             u = system.solve(load, u, options.solver.tolerance)
-        error = system.solver.energy_error
-        active, count, yielded = np.zeros(0, dtype=bool), 1, 0
-        force, pressure, penetration = np.zeros((3, 0))
+        error, of_rows = system.solver.energy_error, _WITHOUT_ROWS
     else:
         with stages("solve"):
             carried, constant = comm.allreduce(bool(start.any()), op=MPI.LOR), RowMotions.of(rows, turning=False)
@@ -126,28 +128,45 @@ def solve_system(
             rows = jump.rows
             motions |= RowMotions.of(rows, turning=True).entries(distances)
         law.check_supported()
-        penetration, count = rows.penetration(u), law.updates
-        yielded = comm.allreduce(rows.yielded + int(np.count_nonzero(~jump.movable)))
-        motions |= constant.entries(constant.found(penetration))
-        force = np.where(law.springs().closed & jump.movable, trial, 0.0)
-        active, penetration = law.active[law.normal], penetration[law.normal]
-        pressure = rows.part(Role.NORMAL).pressure(force[law.normal])
+        motions |= constant.entries(constant.found(rows.penetration(u)))
+        of_rows = _of_rows(law, jump.movable, rows, u, trial)
     solution = ContactSolution(
         rows=rows,
         displacement=u,
-        active=active,
-        pressure=pressure,
-        penetration=penetration,
-        contact_iterations=count,
         krylov_iterations=list(system.solver.iterations),
         preconditioner=system.solver.preconditioner,
-        row_force=force,
         motions=motions,
-        yielded_rows=yielded,
         energy_error=error,
         rounding=ROUNDING * float(np.sqrt(comm.allreduce(float(((root * u) ** 2).sum())))),
+        **of_rows,
     )
     return solution, system
+
+
+#: Entries of a `ContactSolution` without rows.
+_WITHOUT_ROWS: dict[str, Any] = {
+    **dict.fromkeys(("active", "slipping"), np.zeros(0, dtype=bool)),
+    **dict.fromkeys(("pressure", "penetration", "row_force", "slip"), np.zeros(0)),
+    **{"contact_iterations": 1, "yielded_rows": 0},
+}
+
+
+def _of_rows(
+    law: Unilateral, movable: BoolArray, rows: ConstraintRows, u: FloatArray, trial: FloatArray
+) -> dict[str, Any]:
+    """Entries of a `ContactSolution` by its displacement (owned, 3) [m] and trial forces (n,) [N].  Collective."""
+    normal, pressing = law.normal, law.springs().closed | (rows.role == Role.TANGENT)
+    force = np.where(pressing & movable, trial, 0.0)
+    return {
+        "active": law.active[normal],
+        "pressure": rows.part(Role.NORMAL).pressure(force[normal]),
+        "penetration": rows.penetration(u)[normal],
+        "contact_iterations": law.updates,
+        "row_force": force,
+        "slip": law.slip(u),
+        "slipping": law.slipping()[normal],
+        "yielded_rows": rows.prolongation.comm.allreduce(rows.yielded + int(np.count_nonzero(~movable))),
+    }
 
 
 def _first_guess(

@@ -89,10 +89,11 @@ def settle(
             step = _step(motions, u, excess, slope)
             before = -float(excess @ step)
             t, u = t + step, u - np.tensordot(step, z, axes=1)
-        jump = Jump(problem.rows_at(t), problem.supports)
-        motions = RowMotions.of(jump.rows, turning=True)
-        system.exchange_rows(jump)
-        law.exchange_rows(jump.rows)
+        rows = problem.rows_at(t)
+        motions = RowMotions.of(rows, turning=True)
+        system.exchange_rows(rows)
+        law.exchange_rows(rows)
+        jump = system.jump
     law.check_supported()
     off = np.abs(excess) / motions.loads
     worst = motions.interface[int(off.argmax())]

@@ -9,6 +9,8 @@ terminate (K. G. Murty, Math. Program. 7, 1974), and so does the combination (L.
 L. N. Vicente, Math. Comput. 63, 1994).
 """
 
+from dataclasses import replace
+
 import numpy as np
 from mpi4py import MPI
 
@@ -45,6 +47,8 @@ class Unilateral:
     #: Penetrations and gaps up to this part of the largest displacement are rounding (1e4 times that of a double),
     #: for instance of rows closed on the coarser mesh.
     _TOUCHING = 1e-12
+    #: Most linear solves for stick and slip; 25 were needed at nu = 0, mu = 1.
+    _MOST_SLIDES = 60
 
     def __init__(
         self,
@@ -57,7 +61,8 @@ class Unilateral:
     ) -> None:
         self._rows, self._scene, self._most, self._exact, self._before = rows, scene, most, exact, before
         self._comm = rows.prolongation.comm
-        self.updates, self.of_others = 1, 0
+        self.updates, self.of_others, self._slides = 1, 0, 0
+        self._needed = self._carried = 0.0  # tangential force of nodes that all stick, and its bound
         self._always, self.normal = rows.role == Role.EQUATION, rows.role == Role.NORMAL
         self._tangents, self._motions = tangential_status(rows, before), RowMotions.of(rows, turning=False)
         penetration = rows.penetration(u)
@@ -88,6 +93,80 @@ class Unilateral:
             springs = springs + tangents.springs(active)
         return springs
 
+    @property
+    def slides(self) -> bool:
+        """True if tangents have laws.  Local."""
+        return bool(self._tangents)
+
+    def slipping(self) -> BoolArray:
+        """(n,), closed normals whose tangents slip with a bounded force.  Local."""
+        slipping = [tangents.slipping() for tangents in self._tangents]
+        return self.active & np.any([np.zeros_like(self.active), *slipping], axis=0)
+
+    def slip(self, u: FloatArray) -> FloatArray:
+        """d (n,) [m] of tangents of closed normals in a displacement (owned, 3) [m], 0 in other rows.  Collective."""
+        result: FloatArray = np.zeros(len(self._rows))
+        jump = self._rows.jump(u) if self._tangents else result
+        for tangents in self._tangents:
+            result += np.where(tangents.closed(self.active), jump - tangents.history, 0.0)
+        return result
+
+    def turned_rows(self) -> ConstraintRows:
+        """The rows in the directions of `springs`.  Local."""
+        direction = self._rows.normal.copy()
+        for tangents in self._tangents:
+            tangents.turn(direction)
+        return replace(self._rows, normal=direction)
+
+    def turn_back(self, force: FloatArray) -> None:
+        """Exchange forces (n,) in `turned_rows` by those in t1 and t2.  Local."""
+        for tangents in self._tangents:
+            tangents.turn_back(force)
+
+    def slide(self, u: FloatArray, force: FloatArray, noise: float) -> bool:
+        """Update the tangents by a solution; True if statuses change, or forces by more than the noise.
+
+        Args:
+            u: (owned, 3) [m].
+            force: (n,) [N].
+            noise: error of the linear solver in the energy norm [J^(1/2)].
+
+        Raises:
+            SolveError: they still change after `_MOST_SLIDES` linear solves.
+        """
+        rows, tangent = self._rows, self._rows.role == Role.TANGENT
+        jump: FloatArray = rows.jump(u)
+        sums: FloatArray = np.zeros(3)
+        for tangents in self._tangents:
+            sums += tangents.update(force, jump, self.active, noise)
+        sums = np.concatenate([sums, rows.symmetry * force[tangent] @ rows.normal[tangent]])
+        self._comm.Allreduce(MPI.IN_PLACE, sums)
+        self._slides += 1
+        if self._slides == 1:
+            self._needed, self._carried = float(np.linalg.norm(sums[3:])), float(rows.symmetry * sums[2])
+        changes = bool(sums[0] > 0 or sums[1] > noise**2)
+        if changes and self._slides >= self._MOST_SLIDES:
+            raise SolveError(
+                f"friction does not settle: after {self._slides} linear solves {int(sums[0])} nodes begin to stick or "
+                f"slip, and {self._sliding()}; a body slides unless more than friction holds it; with a large "
+                "coefficient take smaller increments: solutions may not be unique, or not exist"
+            )
+        return changes
+
+    def check_sliding(self, error: SolveError) -> None:
+        """Raises SolveError for that of a linear solve if friction carries less than would hold all nodes.  Local."""
+        if self._carried < self._needed:
+            raise SolveError(
+                f"a linear solve fails once nodes slip, and {self._sliding()}: a body slides; prescribe displacements "
+                "that stop it, or load it less along the contact"
+            ) from error
+
+    def _sliding(self) -> str:
+        """The force that friction carries, and that of nodes that all stick.  Local."""
+        return (
+            f"friction carries at most {self._carried:.4g} of {self._needed:.4g} that would hold all nodes in place"
+        )
+
     def restart(self, active: BoolArray, u: FloatArray, solves: int) -> None:
         """Continue with another set (n,), and a displacement (owned, 3) [m], found by so many linear solves.
 
@@ -112,6 +191,11 @@ class Unilateral:
 
     def check_supported(self) -> None:
         """Check the supporting rows of unconstrained bodies.  Local.  Raises SolveError: they are in tension."""
+        if self._loose and self._tangents:
+            raise SolveError(
+                f"body {', '.join(map(repr, self._loose))} slides: {self._sliding()}; prescribe displacements that "
+                "stop it, or load it less along the contact"
+            )
         if self._loose:
             raise SolveError(
                 f"nothing holds body {', '.join(map(repr, self._loose))} once the contact opens: only contact stops "
@@ -184,9 +268,14 @@ class Unilateral:
         rows = self._rows
         if self._scene is None or not len(self._scene.rigid_motions.free):
             return []
-        motions, position, normal = self._scene.rigid_motions, rows.position[active], rows.normal[active]
-        first, second = (motions.free_along(position, bodies, normal) for bodies in rows.bodies[active].T)
-        resisted = np.hstack([first - second, self._motions.rates[:, active].T])  # sections and faces give way
+        closed = self.springs(active).closed
+        motions, position, normal = (
+            self._scene.rigid_motions,
+            rows.position[closed],
+            self.turned_rows().normal[closed],
+        )
+        first, second = (motions.free_along(position, bodies, normal) for bodies in rows.bodies[closed].T)
+        resisted = np.hstack([first - second, self._motions.rates[:, closed].T])  # sections and faces give way
         return list(motions.unresisted(self._motions.sum(resisted.T @ resisted)))
 
     def _largest(self, values: FloatArray) -> float:

@@ -292,15 +292,16 @@ def check_constrained(scene: SceneItems) -> None:
     motions = scene.rigid_motions
     first, opposite = _facing_bodies(scene)
     direction = scene.contact_directions(first)
-    tied = scene.couplings[scene.contact_surfaces.contact[first[:, 0], first[:, 1]]]
+    every = np.array([one.EQUALITY or one.tangential is not None for one in scene.interfaces] + [False])
+    tied = every[scene.contact_surfaces.contact[first[:, 0], first[:, 1]]]
     axes = np.tile(np.eye(3), (int(tied.sum()), 1))
     direction = np.concatenate([direction[~tied], axes])
     first, opposite = (
         np.concatenate([facets[~tied], np.repeat(facets[tied], 3, axis=0)]) for facets in (first, opposite)
     )
     of = scene.contact_surfaces.contact[first[:, 0], first[:, 1]]
-    normal = [one.unit_direction is None and not one.EQUALITY for one in scene.interfaces]
-    along_normals = np.array(normal, dtype=bool)[of]
+    normal = np.array([one.unit_direction is None for one in scene.interfaces], dtype=bool) & ~every[:-1]
+    along_normals = normal[of]
     points = resisting_points(scene.mesh, first, direction, along_normals).reshape(-1, 3)
     here, there = (
         motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))

@@ -1,6 +1,7 @@
 """Contact of the whole bodies: forces of the pairs, their directions and centre, radius, pressure and penetration."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -49,6 +50,8 @@ class ContactFigures:
             closed pairs), or several pairs have force; 0 without contact.
         max_pressure: largest nodal pressure [Pa].
         max_penetration: largest penetration of a node pair [m].
+        sticking_pairs, slipping_pairs: closed node pairs with friction that stick, and that slip; None: no friction.
+        dissipated_energy: by friction, in the load step [J]; None: no friction.
     """
 
     active_pairs: int
@@ -59,6 +62,9 @@ class ContactFigures:
     contact_radius: float | None
     max_pressure: float
     max_penetration: float
+    sticking_pairs: int | None = None
+    slipping_pairs: int | None = None
+    dissipated_energy: float | None = None
 
 
 def figures_of_contact(
@@ -101,7 +107,22 @@ def figures_of_contact(
         contact_radius=radius if is_round or not total else None,
         max_pressure=largest,
         max_penetration=comm.allreduce(float(solution.penetration.max(initial=0.0)), op=MPI.MAX),
+        **_of_friction(scene, rows, solution, comm),
     )
+
+
+def _of_friction(
+    scene: Scene, rows: ConstraintRows | None, solution: ContactSolution, comm: MPI.Intracomm
+) -> dict[str, Any]:
+    """Figures of contact with friction; none without.  Collective on comm."""
+    rough = np.array([pair.tangential is not None for pair in scene.contact], dtype=bool)
+    if rows is None or not rough.any():
+        return {}
+    closed, work = solution.active & rough[rows.contact], float(solution.row_force @ solution.slip)
+    counts = closed & ~solution.slipping, closed & solution.slipping
+    sums = comm.allreduce(np.array([*(np.count_nonzero(some) for some in counts), work]))
+    names = "sticking_pairs", "slipping_pairs"
+    return dict(zip(names, map(int, sums))) | {"dissipated_energy": float(sums[2] * scene.symmetry)}
 
 
 def _centre(scene: Scene, total: float, moment: FloatArray) -> FloatArray:

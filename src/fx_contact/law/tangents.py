@@ -1,0 +1,70 @@
+"""Status of the tangent rows of one contact: springs, history and forces.
+
+The slip of a load step is d = B_t u - s with s = B_t u_0, u_0 the displacement after the load step before.
+"""
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+
+from fx_contact.contact.constraint_rows import ConstraintRows, Role
+from fx_contact.contact.contact_system import Springs
+from fx_contact.items.friction import TangentialLaw
+from fx_contact.parallel.arrays import BoolArray, FloatArray
+
+
+class Change(NamedTuple):
+    """Change of a status on this rank.
+
+    Attributes:
+        nodes: number of nodes that begin to stick or slip.
+        energy: sum of |change of force|^2 / k_c where nodes slip [J].
+        bound: sum of the bounds of the force [N].
+    """
+
+    nodes: int = 0
+    energy: float = 0.0
+    bound: float = 0.0
+
+
+class TangentialStatus(ABC):
+    """Status of the tangent rows of one contact.
+
+    Local.
+
+    Args:
+        law: of the contact.
+        ours: (n,), the tangents of the contact among all rows.
+        history: (n,), s of all rows [m].
+    """
+
+    def __init__(self, law: TangentialLaw, rows: ConstraintRows, ours: BoolArray, history: FloatArray) -> None:
+        self.law, self.rows, self.ours, self.history = law, rows, ours, history
+
+    @abstractmethod
+    def springs(self, active: BoolArray) -> Springs:
+        """Springs with shifts of all rows, 0 in those of others, for closed normals among all rows (n,)."""
+
+    def turn(self, direction: FloatArray) -> None:
+        """Exchange the directions (n, 3) of our rows by those in which `springs` are."""
+
+    def turn_back(self, force: FloatArray) -> None:
+        """Exchange forces (n,) in turned rows by those in t1 and t2."""
+
+    def update(self, force: FloatArray, jump: FloatArray, active: BoolArray, noise: float) -> Change:
+        """New status by forces f and jumps B u of all rows (n,), found for closed normals (n,).
+
+        Args:
+            noise: error of the linear solver in the energy norm [J^(1/2)].
+        """
+        return Change()
+
+    def slipping(self) -> BoolArray:
+        """(n,), normals of ours whose tangents slip with a bounded force."""
+        return np.zeros(len(self.rows), dtype=bool)
+
+    def closed(self, active: BoolArray) -> BoolArray:
+        """(n,), our tangents in frames with closed normals among all rows (n,)."""
+        frame = self.rows.key & ~3
+        return self.ours & np.isin(frame, frame[active & (self.rows.role == Role.NORMAL)])
