@@ -29,6 +29,7 @@ from fx_contact import (
     root_mesh_from_shapes,
 )
 from fx_contact.contact.constraint_rows import Role
+from fx_contact.scenes import punch
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
@@ -214,6 +215,20 @@ def test_a_body_held_by_friction(kind):
         next(adapt(beyond, 0.9, degree=1))
 
 
+def test_tangents_on_planes_of_symmetry():
+    """The mean normals of a curved surface are oblique to the planes, tangents are not: at the axis there are none."""
+    scene = punch()
+    step = next(adapt(replace(scene, contact=replace(scene.contact[0], friction=0.5)), 0.9, degree=1))
+    rows = step.solution.rows
+    tangents = rows.part(Role.TANGENT)
+    on_planes = np.abs(tangents.position[:, :2]) < 1e-12
+    assert total(on_planes) > 4 and total(np.abs(rows.part(Role.NORMAL).normal[:, :2]).max(axis=1) > 1e-3) > 0
+    everywhere(np.abs(tangents.normal[:, :2])[on_planes].max(initial=0.0) < 1e-12, "oblique to a plane")
+    assert total(~tangents.normal[on_planes.all(axis=1)].any(axis=1)) == 2
+    check_law(step, 0.5)
+
+
+@pytest.mark.ranks(1)
 def test_no_friction_is_no_law():
     """0 has neither rows nor entries in the record."""
     scenes = fretting(0.0, 1e-3), replace(fretting(0.0, 1e-3), contact=ContactPair("ball outside", PLANE))

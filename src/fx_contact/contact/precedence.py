@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fx_contact.contact.constraint_rows import Role
+from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.fem.dirichlet import SAME_PLANE, held_nodes
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.geometry.leaf_facets import LeafFacets
@@ -30,24 +30,46 @@ class Precedence:
         across, ties, every = prolongation.zeros(9), scene.couplings[:-1], np.arange(len(scene.interfaces))
         rank = np.where(ties, every, every + len(every))
         before = (every != index) & ((rank < rank[index]) | ~np.isin(every, list(scene.pairing.nonmatching)))
-        for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
-            across[nodes] += condition.across.ravel()
+        _add_conditions(scene, prolongation, across)
         here = _on_surfaces(prolongation, lambda contact, _: (before & ties)[contact])[0]
         across[here[here >= 0]] += np.eye(3).ravel()
         across = prolongation.ghosted(prolongation.summed(across)).reshape(-1, 3, 3)
         for other in np.flatnonzero(before & ~ties & ~ties[index]):
             normal = mean_normals(prolongation, other)
             across += normal[:, :, None] * normal[:, None]
-        self.held, some = np.zeros_like(across), np.flatnonzero(across.any(axis=(1, 2)))
-        values, vectors = np.linalg.eigh(across[some])
-        spanned = vectors * (values > SAME_PLANE)[:, None]
-        self.held[some] = spanned @ spanned.swapaxes(1, 2)
+        self.held = _projectors(across)
 
     def yields(self, direction: FloatArray, role: Role) -> BoolArray:
         """(owned + ghosts,), whether a row along a unit vector, (3,) or one a node, yields; not along 0.  Local."""
         along = np.broadcast_to(direction, (len(self.held), 3))
         part = np.einsum("ni,nij,nj->n", along, self.held, along)
         return np.asarray(part > (SMOOTH**2 if role == Role.NORMAL else 1 - SMOOTH**2))
+
+
+def held_jumps(scene: Scene, rows: ConstraintRows) -> FloatArray:
+    """Projectors (n, 3, 3) on the directions in which conditions prescribe the jumps [u] of rows.  Collective."""
+    prolongation, entries = rows.prolongation, rows.entries
+    across = prolongation.zeros(9)
+    _add_conditions(scene, prolongation, across)
+    held = _projectors(prolongation.ghosted(prolongation.summed(across)).reshape(-1, 3, 3))
+    free = np.zeros((len(rows), 3, 3))
+    np.add.at(free, entries.row, np.eye(3) - held[entries.node])
+    return np.asarray(np.eye(3) - _projectors(free))
+
+
+def _add_conditions(scene: Scene, prolongation: Prolongation, across: FloatArray) -> None:
+    """Add the sums of n n^T, n the prescribed directions, to those of nodes (owned + ghosts, 9).  Collective."""
+    for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
+        across[nodes] += condition.across.ravel()
+
+
+def _projectors(across: FloatArray) -> FloatArray:
+    """Projectors (n, 3, 3) on the ranges of positive semidefinite matrices."""
+    held, some = np.zeros_like(across), np.flatnonzero(across.any(axis=(1, 2)))
+    values, vectors = np.linalg.eigh(across[some])
+    spanned = vectors * (values > SAME_PLANE)[:, None]
+    held[some] = spanned @ spanned.swapaxes(1, 2)
+    return held
 
 
 def mean_normals(prolongation: Prolongation, index: int) -> FloatArray:

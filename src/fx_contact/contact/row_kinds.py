@@ -16,7 +16,7 @@ from fx_contact.contact.enforcement import SOFTEST, STIFFEST, Enforcement
 from fx_contact.contact.mortar_rows import MortarRows
 from fx_contact.contact.node_pairs import NodePairs
 from fx_contact.contact.obstacle_rows import ObstacleRows, PlaneRows, RigidFaceRows
-from fx_contact.contact.precedence import Precedence
+from fx_contact.contact.precedence import Precedence, held_jumps
 from fx_contact.contact.row_entries import Entries, KeyedEntries
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.items.contact import SMOOTH, Contact, ContactPair
@@ -146,23 +146,22 @@ def _with_tangents(rows: ConstraintRows) -> ConstraintRows:
 
 
 def _not_yielding(rows: ConstraintRows, some: IntArray, axes: FloatArray) -> FloatArray:
-    """Tangents (m, 2, 3) of normals (m,) among rows, turned so that they yield to constraints before them, or do not.
+    """Tangents (m, 2, 3) of normals (m,) among rows, turned so that each yields or not; those that do are 0.
 
-    Those that yield are 0.  Collective.
+    Collective.  On surfaces meshed apart they yield to the constraints before them, else to conditions on both sides:
+    the normal of a node on a plane of symmetry may be oblique to it, and its tangents are not.
     """
+    axes = axes.copy()
     for kind in rows.kinds:
-        if kind.contact.tangential is not None and kind.index in kind.scene.pairing.nonmatching:
+        if kind.contact.tangential is not None:
             ours = rows.contact[some] == kind.index
-            precedence = Precedence(kind.scene, rows.prolongation, kind.index)
-            turned = axes[ours]
-            held = np.einsum("nai,nij,nbj->nab", turned, precedence.held[rows.first[some[ours]]], turned)
-            turned = np.linalg.eigh(held)[1].swapaxes(1, 2) @ turned
-            nodes = rows.first[some[ours]]
-            for axis in range(2):
-                direction = rows.prolongation.zeros(3)
-                direction[nodes] = turned[:, axis]
-                turned[precedence.yields(direction, Role.TANGENT)[nodes], axis] = 0.0
-            axes[ours] = turned
+            if kind.index in kind.scene.pairing.nonmatching:
+                held = Precedence(kind.scene, rows.prolongation, kind.index).held[rows.first[some[ours]]]
+            else:
+                held = held_jumps(kind.scene, rows)[some[ours]]
+            share, turn = np.linalg.eigh(axes[ours] @ held @ axes[ours].swapaxes(1, 2))
+            kept = (share <= 1 - SMOOTH**2)[:, :, None]
+            axes[ours] = np.where(kept, turn.swapaxes(1, 2) @ axes[ours], 0.0)
     return axes
 
 
