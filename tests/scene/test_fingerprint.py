@@ -89,7 +89,7 @@ OF_SCENE = {
 OF_PARTS = {
     Dirichlet: ("dirichlet", {"where": "head", "x": 0.01, "y": 0.01, "z": 0.01}),
     SymmetryPlane: ("dirichlet", {"surface": "lower right"}),
-    ContactPair: ("contact", {"first": "top", "second": "bottom", "direction": None}),
+    ContactPair: ("contact", {"first": "top", "second": "bottom", "direction": None, "friction": 0.3}),
     Traction: ("tractions", {"surface": "upper left", "value": (0.01, 0.0, 0.01)}),
     Pressure: ("tractions", {"surface": "upper left", "value": 0.02}),
     Elastic: ("springs", {"surface": "lower left", "normal": 2.0, "x": None, "y": 2.0, "z": 2.0}),
