@@ -1,13 +1,13 @@
 """Coulomb's and Tresca's law of friction: stick and slip by a semismooth Newton method.
 
 Of the force f and the slip d of the last solution, p = f + c d is the trial force, and g the bound of |f|, Coulomb's
-mu f_n by the last normal force.  Nodes with |p| > g slip: they have the force g e along e = p / |p|, and across e a
+mu f_n by the last normal force.  Nodes with |p| > g slip, with the force g e along e = p / |p|.  Across e they have a
 spring
 
     kappa = g c / (|p| - g),
 
-the symmetric part of the derivative of g p / |p|, without force in the solution.  Others stick, d = 0, also those whose
-slip runs against their force.  The bound lags by one solution, in place of the derivative of mu f_n, which is not
+by the derivative of g p / |p|; it has no force in the solution.  Others stick, d = 0, also those whose slip runs
+against their force.  The bound lags by one solution, in place of the derivative of mu f_n, which is not
 symmetric.
 
 Source: S. Hueeber, G. Stadler, B. Wohlmuth, SIAM J. Sci. Comput. 30(2), 2008.

@@ -269,11 +269,8 @@ class Unilateral:
         if self._scene is None or not len(self._scene.rigid_motions.free):
             return []
         closed = self.springs(active).closed
-        motions, position, normal = (
-            self._scene.rigid_motions,
-            rows.position[closed],
-            self.turned_rows().normal[closed],
-        )
+        motions, position = self._scene.rigid_motions, rows.position[closed]
+        normal = self.turned_rows().normal[closed]
         first, second = (motions.free_along(position, bodies, normal) for bodies in rows.bodies[closed].T)
         resisted = np.hstack([first - second, self._motions.rates[:, closed].T])  # sections and faces give way
         return list(motions.unresisted(self._motions.sum(resisted.T @ resisted)))

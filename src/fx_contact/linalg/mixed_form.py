@@ -72,6 +72,7 @@ class FlexibleGmres(KrylovMethod):
         reasons, next_check, allowed = PETSc.KSP.ConvergedReason, np.inf, np.nan
 
         def converged(ksp: PETSc.KSP, count: int, norm: float) -> int:
+            """PETSc's reason, by the bound of the error."""
             nonlocal next_check, allowed
             if norm > next_check:
                 return reasons.DIVERGED_MAX_IT if count >= most else reasons.ITERATING
