@@ -11,7 +11,7 @@ from fx_contact.fem.supports import Supports
 from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.linalg.linear_solver import LinearSolver, suited
 from fx_contact.linalg.matrix import BlockMatrix
-from fx_contact.linalg.operator import MatrixOperator
+from fx_contact.linalg.operator import MatrixOperator, Operator
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
@@ -25,7 +25,8 @@ class ContactProblem:
     """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; in rows of ties B u = 0; without rows K u = L.
 
     Attributes:
-        matrix: K without `volume`, made with the same supports, not yet assembled; the solution frees it.
+        matrix: K without `volume`, made with the same supports, not yet assembled; the solution frees it.  Beside an
+            operator it need only be close to K, for the preconditioner and the first guess.
         load: (owned, 3), L [N].
         supports: at the owned conforming nodes.
         energy_norm: omega (4).
@@ -37,6 +38,7 @@ class ContactProblem:
         rows_at: the rows for distances (k,) of obstacles along the forces on them [m]; collective.  None: there are no
             such obstacles.
         distances: (k,), where they begin [m].
+        operator: K without `volume` and rows, diagonal in constrained directions; None: the matrix.
     """
 
     matrix: BlockMatrix
@@ -50,11 +52,13 @@ class ContactProblem:
     before: FloatArray | None = None
     rows_at: Callable[[FloatArray], ConstraintRows] | None = None
     distances: FloatArray = field(default_factory=lambda: np.zeros(0))
+    operator: Operator | None = None
 
     def linear_solver(self, solver: Solver, objects: PetscObjects) -> LinearSolver:
         """LinearSolver of K, which owns the matrix.  Collective on matrix.comm.  Raises errors as `LinearSolver`."""
         matrix = suited(self.matrix, solver, self.coarse)
-        operator = MatrixOperator(objects.add(matrix.mat), objects)
+        mat = objects.add(matrix.mat)
+        operator = MatrixOperator(mat, objects) if self.operator is None else self.operator
         return LinearSolver(operator, matrix, solver, self.energy_norm, objects, self.coarse, self.volume)
 
 

@@ -16,6 +16,7 @@ from fx_contact.law.active_set import solve_law
 from fx_contact.law.initial_guess import move_bodies, relax
 from fx_contact.law.settling import settle
 from fx_contact.law.unilateral import Unilateral
+from fx_contact.linalg.operator import MatrixOperator
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.stopping import ROUNDING
 from fx_contact.parallel.arrays import BoolArray, FloatArray
@@ -199,10 +200,11 @@ def _impose(problem: ContactProblem) -> tuple[FloatArray, FloatArray]:
         raise SolveError("the matrix is made without supports: Elasticity.stiffness(supports=...) eliminates them")
     load = supports.free_part(problem.load - problem.matrix.held)
     with PetscObjects() as objects:
-        vector = objects.add(matrix.getDiagonal())
-        diagonal, total = vector.array.reshape(-1, 3).copy(), vector.sum()
+        diagonal = (MatrixOperator(matrix, objects) if problem.operator is None else problem.operator).diagonal()
+    comm = problem.matrix.comm
+    total = comm.allreduce(float(diagonal.sum()))
     finite = bool(np.isfinite(total) and total > 0 and np.isfinite(load).all())
-    if not problem.matrix.comm.allreduce(finite, op=MPI.LAND):
+    if not comm.allreduce(finite, op=MPI.LAND):
         raise SolveError("the stiffness or the load is not a finite number: check the units of moduli and lengths")
     supports.add_normal_part(matrix, diagonal)
     return np.where(supports.free, load, diagonal * supports.values), np.sqrt(np.abs(diagonal))

@@ -11,7 +11,7 @@ from fx_contact.linalg import ladder
 from fx_contact.linalg.krylov import ConjugateGradients, KrylovMethod
 from fx_contact.linalg.matrix import BlockMatrix
 from fx_contact.linalg.mixed_form import FlexibleGmres
-from fx_contact.linalg.operator import Equations, Operator, PressureOperator, Sum
+from fx_contact.linalg.operator import Equations, MatrixOperator, Operator, PressureOperator, Sum
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.solver_options import PRECONDITIONERS, Solver
@@ -55,6 +55,7 @@ class LinearSolver:
     Attributes:
         preconditioner: the present one, a key of `PRECONDITIONERS`, or PETSc's or hypre's name of the user's own.
         matrix: the given one, in blocks of 3; `set_up` must follow a change.
+        follows_matrix: True if A changes with the matrix.
         iterations: of each solve.
         energy_error: bound of the last solution's error in the energy norm [J^(1/2)].
 
@@ -75,6 +76,7 @@ class LinearSolver:
     ) -> None:
         self._comm, self._energy_norm, self._objects = matrix.comm, energy_norm, objects
         self.matrix, self._operator, self._coarse, self._volume = matrix.mat, operator, coarse, volume
+        self.follows_matrix = isinstance(operator, MatrixOperator) and operator.mat is matrix.mat
         self._unknowns, self._most = self.matrix.getSize()[0], solver.max_krylov
         name, of_user = ladder.first_name(solver, coarse), _of_user(self._comm, solver)
         self._patience = ladder.patience(solver, self._unknowns, of_user)
