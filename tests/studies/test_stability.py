@@ -296,7 +296,7 @@ def test_processes(tmp_path, monkeypatch):
     names = ["bodies/stack/2", "held-by-contact/refused/pulled-stack", "gap/stack/1e-2"]
     chosen, path = {name: NAMED[name] for name in names}, tmp_path / "scores.jsonl"
     lost = {"lost": Case("no", "such", "scene", None, None)}
-    for more, limit in (({}, 60.0), (lost, 60.0), ({"late": NAMED["gap/stack/-1e-4"]}, 0.1)):
+    for more, limit in (({}, 60.0), (lost, 60.0), ({"late": NAMED["gap/stack/-1e-4"]}, 1e-3)):
         stability.study(chosen | more, path, limit)
         scores = stability.read(path)
         assert len(path.read_text().splitlines()) == len(scores), "scored again"
