@@ -119,6 +119,7 @@ class ContactSystem:
         self.solver = problem.linear_solver(options.solver, objects)
         self._take(jump)
         self._in_matrix = MatrixPenalty(self.solver, problem.coarse, jump, contained)
+        self._slides = any_true(self.comm, jump.rows.role == Role.TANGENT)
         self._is_set_up = False
         self._energy = 0.0  # of the last solution, twice [J]
 
@@ -142,8 +143,9 @@ class ContactSystem:
         Raises:
             SolveError: as `LinearSolver.solve`, or as `Projection`.
         """
-        late = tolerance <= self._options.tolerance and self._disturbs(springs)
-        if anew or late or not self._is_set_up or self.solver.is_slow:
+        # One by one tangents disturb little, by hundreds at once the loose solves too.
+        late = tolerance <= self._options.tolerance or self._slides
+        if anew or late and self._disturbs(springs) or not self._is_set_up or self.solver.is_slow:
             self._set_up(springs)
         with self._stages("system"):
             self.springs = springs = (

@@ -53,7 +53,7 @@ class TangentialStatus(ABC):
         """Exchange forces (n,) in turned rows by those in t1 and t2."""
 
     def update(self, force: FloatArray, jump: FloatArray, active: BoolArray, noise: float) -> Change:
-        """New status by forces f and jumps B u of all rows (n,), found for closed normals (n,).
+        """New status by forces f and jumps B u of all rows (n,), found for closed normals (n,).  Collective.
 
         Args:
             noise: error of the linear solver in the energy norm [J^(1/2)].
