@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from petsc4py import PETSc
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.enforcement import Enforcement
@@ -38,7 +39,8 @@ class ContactProblem:
         rows_at: the rows for distances (k,) of obstacles along the forces on them [m]; collective.  None: there are no
             such obstacles.
         distances: (k,), where they begin [m].
-        operator: K without `volume` and rows, diagonal in constrained directions; None: the matrix.
+        operator: K without `volume` and rows, positive definite and uncoupled in constrained directions; None: the
+            matrix.
     """
 
     matrix: BlockMatrix
@@ -54,11 +56,14 @@ class ContactProblem:
     distances: FloatArray = field(default_factory=lambda: np.zeros(0))
     operator: Operator | None = None
 
+    def stiffness(self, mat: PETSc.Mat, objects: PetscObjects) -> Operator:
+        """K without `volume` and rows: the operator, or an assembled matrix of K.  Collective on matrix.comm."""
+        return MatrixOperator(mat, objects) if self.operator is None else self.operator
+
     def linear_solver(self, solver: Solver, objects: PetscObjects) -> LinearSolver:
         """LinearSolver of K, which owns the matrix.  Collective on matrix.comm.  Raises errors as `LinearSolver`."""
         matrix = suited(self.matrix, solver, self.coarse)
-        mat = objects.add(matrix.mat)
-        operator = MatrixOperator(mat, objects) if self.operator is None else self.operator
+        operator = self.stiffness(objects.add(matrix.mat), objects)
         return LinearSolver(operator, matrix, solver, self.energy_norm, objects, self.coarse, self.volume)
 
 

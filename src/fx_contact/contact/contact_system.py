@@ -143,9 +143,9 @@ class ContactSystem:
         Raises:
             SolveError: as `LinearSolver.solve`, or as `Projection`.
         """
-        # One by one tangents disturb little, by hundreds at once the loose solves too.
-        late = tolerance <= self._options.tolerance or self._slides
-        if anew or late and self._disturbs(springs) or not self._is_set_up or self.solver.is_slow:
+        # Normals change a few at a time in loose solves, tangents by hundreds (`studies.cost.friction`).
+        renewed = self._slides or tolerance <= self._options.tolerance
+        if anew or renewed and self._disturbs(springs) or not self._is_set_up or self.solver.is_slow:
             self._set_up(springs)
         with self._stages("system"):
             self.springs = springs = (

@@ -10,10 +10,7 @@ from fx_contact.parallel.errors import SolveError
 #: Updates of the active set before the interior-point method takes over: as many as its linear solves, so that both
 #: together take at most twice those of the better one.
 _UPDATES = 20
-#: Factor between the tolerances of solves with tangents, from that of the loose ones to the tight one (three solves at
-#: the defaults).  Ball on a plane, mu 0.3, nu 0.3, 34,059 unknowns: linear solves and
-#: iterations of a load step are 12, 72 with one tight tolerance after the loose one, 14, 33 by 0.03 from the loose one
-#: itself on, 9, 34 as here.
+#: Factor by which tolerances fall with friction, first below the loose one (`studies.cost.friction`).
 _FALL = 0.02
 
 
@@ -26,8 +23,9 @@ def solve_law(
 
     Collective on system.comm.  Raises SolveError as `solve_system`.
     """
-    fall = _FALL if law.slides else 0.0
-    tolerance = max(options.tolerance, (fall or 1.0) * options.loose_tolerance)
+    tolerance, fall = options.loose_tolerance, 0.0
+    if law.slides:
+        tolerance, fall = max(options.tolerance, _FALL * tolerance), _FALL
     while True:
         if law.slides:
             system.exchange_rows(law.turned_rows())

@@ -8,7 +8,7 @@ spring
 
 by the derivative of g p / |p|; it has no force in the solution.  Others stick, d = 0, also those whose slip runs
 against their force.  The bound lags by one solution, in place of the derivative of mu f_n, which is not
-symmetric; while no status changes, Anderson's acceleration of the fixed point of the bounds replaces it.
+symmetric.  While no status changes, Anderson's method accelerates the convergence of the bounds.
 
 Sources: S. Hueeber, G. Stadler, B. Wohlmuth, SIAM J. Sci. Comput. 30(2), 2008; H. F. Walker, P. Ni, SIAM J. Numer.
 Anal. 49(4), 2011.
@@ -23,8 +23,8 @@ from fx_contact.items.friction import Coulomb, TangentialLaw, Tresca
 from fx_contact.law.tangents import Change, TangentialStatus
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 
-#: Differences in Anderson's acceleration.  Ball on a plane, mu 1, nu 0: 23 solves without, 22, 18, 17 with 1, 2, 3.
-_DIFFERENCES = 2
+#: Depth of Anderson's method (`studies.cost.friction`).
+_DEPTH = 2
 
 
 class FrictionStatus(TangentialStatus):
@@ -48,7 +48,7 @@ class FrictionStatus(TangentialStatus):
         self.bound: FloatArray = np.zeros(count)
         self._along: FloatArray = np.tile([1.0, 0.0], (count, 1))
         self._across: FloatArray = np.zeros(count)
-        self._points: list[FloatArray] = []  # (2, m), bounds and their residuals since the last change of a status
+        self._points: list[FloatArray] = []  # (2, m), bounds and their changes by a solution
 
     def _turned(self, values: FloatArray) -> FloatArray:
         """Components along and across e (m, 2, ...) of those along t1 and t2."""
@@ -88,12 +88,12 @@ class FrictionStatus(TangentialStatus):
         return self.law.coefficient * np.maximum(normal_force, 0.0)
 
     def _accelerated(self, bound: FloatArray, changed: bool) -> FloatArray:
-        """Bounds (m,) [N] near the fixed point, by those of the last solutions without a change of status."""
+        """Bounds (m,) [N] closer to the fixed point, by those since the last change of a status.  Collective."""
         comm = self.rows.prolongation.comm
         if comm.allreduce(changed, op=MPI.LOR):
             self._points = []
             return bound
-        self._points = [*self._points, np.stack([self.bound, bound - self.bound])][-_DIFFERENCES - 1 :]
+        self._points = [*self._points, np.stack([self.bound, bound - self.bound])][-_DEPTH - 1 :]
         if len(self._points) < 2:
             return bound
         steps, residuals = np.diff(self._points, axis=0).swapaxes(0, 1)
@@ -114,8 +114,8 @@ class FrictionStatus(TangentialStatus):
         before, some = np.where((closed & self.slips)[:, None], self.bound[:, None] * self._along, f), slips[:, None]
         changed = closed & (slips != self.slips)
         forces = np.where(slips, bound, 0.0)
-        self.bound = self._accelerated(forces, bool(changed.any()))
-        self.slips = slips
+        others = (slips != self.slips) | ((forces > 0) != (self.bound > 0))  # of normals too
+        self.slips, self.bound = slips, self._accelerated(forces, bool(others.any()))
         self._along = np.where(some, p / np.maximum(size, np.finfo(float).tiny)[:, None], [1.0, 0.0])
         excess = np.maximum(size - self.bound, np.finfo(float).eps * size)
         self._across = np.divide(self.bound * c, excess, out=np.zeros_like(bound), where=slips & (excess > 0))
