@@ -7,8 +7,9 @@ from fx_contact.adaptive.solving import solve
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.contact.enforcement import Enforcement
+from fx_contact.estimate.contact_quantities import ContactForce, FrictionForce, Gap, MaxPressure
 from fx_contact.estimate.error_control import ErrorControl
-from fx_contact.estimate.quantities import ContactForce, Displacement, Gap, MaxPressure, Reaction
+from fx_contact.estimate.quantities import Displacement, Reaction
 from fx_contact.geometry.gmsh_mesh import root_mesh_from_file, root_mesh_from_gmsh
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.geometry.shapes import Shape, join, root_mesh_from_shapes
@@ -52,6 +53,7 @@ __all__ = [
     "Elastic",
     "Enforcement",
     "ErrorControl",
+    "FrictionForce",
     "FxContactError",
     "Gap",
     "GeometryError",
@@ -109,6 +111,7 @@ _ELSEWHERE = {
     "estimate.goal_errors": "GoalRecord",
     "parallel.errors": "CallError CompilationError PairingError PartitionError",
     "path.load_path": "LoadPath SweepPoint",
+    "path.repetition": "Repetition",
     "path.sweep_record": "SweepRecord",
     "verdict.resultants": "Resultant",
 }

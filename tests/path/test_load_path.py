@@ -16,7 +16,7 @@ from fx_contact.adaptive.beginning import Beginning
 from fx_contact.adaptive.state import State
 from fx_contact.estimate.estimator import Estimate
 from fx_contact.fem.space import Space
-from fx_contact.path.load_path import carried_over
+from fx_contact.path.starts import carried_over
 from fx_contact.scenes import hertz
 
 small = partial(hertz, order=3, coarse=2)

@@ -69,7 +69,8 @@ def adapt(
         enforcement: of contact; None: exact.
         solver: preconditioner and tolerance of the linear solver; None: by default.
         control: mode of refinement and stopping; None: errors of stresses and contact forces.
-        goals: further quantities with tolerances of their own: ContactForce, Gap, MaxPressure, Displacement, Reaction.
+        goals: further quantities with tolerances of their own: ContactForce, FrictionForce, Gap, MaxPressure,
+            Displacement, Reaction.
         partition_kind: a key of `partition.KINDS`.
         allow: kinds of model warnings that are no errors here, keys of `model_warning.REFUSED`: "large strain", "large
             rotation", "no load".

@@ -13,6 +13,8 @@ from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import as_path
 
 _HEAD = ("x", "y", "z", "normal x", "normal y", "normal z", "pressure", "gap", "force", "closed", "pair")
+#: Further columns with friction.
+_OF_FRICTION = ("traction x", "traction y", "traction z", "slip x", "slip y", "slip z", "slips")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,6 +32,9 @@ class ContactTable:
         names: of the scene's contact pairs, as `ContactPair.name`.
         key: (n,), lattice key of the node on the first surface.
         comm: of the ranks that have the rows, each row on one.
+        traction: (n, 3), tangential, on the body that the normal points into; None: no friction [Pa].
+        slip: (n, 3), of the other body on it in the load step, of closed nodes; None: no friction [m].
+        slipping: (n,), closed nodes that slip; None: no friction.
     """
 
     points: FloatArray
@@ -42,6 +47,9 @@ class ContactTable:
     names: tuple[str, ...]
     key: Int64Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     comm: MPI.Intracomm = field(default_factory=lambda: MPI.COMM_SELF)
+    traction: FloatArray | None = None
+    slip: FloatArray | None = None
+    slipping: BoolArray | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -65,13 +73,15 @@ class ContactTable:
                 f"the name of a table must end in .csv, got {str(path)!r}: if this is a folder, name a file"
             )
         numbers = np.column_stack([self.points, self.normal, self.pressure, self.gap, self.force])
-        ends = zip(self.active.astype(int), (self.names[pair] for pair in self.pair))
+        columns = [*numbers.T, self.active.astype(int), np.array(self.names)[self.pair]]
+        for one in (self.traction, self.slip, self.slipping):
+            columns += [] if one is None else list(np.atleast_2d(1 * one.T))
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with open(path, "w", newline="") as file:
                 lines = csv.writer(file)
-                lines.writerow(_HEAD)
-                lines.writerows((*map(float, numbers[row]), *end) for row, end in enumerate(ends))
+                lines.writerow((*_HEAD, *_OF_FRICTION)[: len(columns)])
+                lines.writerows(zip(*(column.tolist() for column in columns)))
         except OSError as error:
             raise OutputError(f"cannot write {str(path)!r}: {error}; name another file") from error
         return path
@@ -82,7 +92,8 @@ class ContactTable:
 
         Collective on comm.
         """
-        names = [one.name for one in fields(self) if one.name not in ("names", "comm")]
+        left_out = "names", "comm", *(() if self.traction is not None else ("traction", "slip", "slipping"))
+        names = [one.name for one in fields(self) if one.name not in left_out]
         parts = self.comm.gather({name: getattr(self, name) for name in names}, root=0)
         if parts is None:
             return None

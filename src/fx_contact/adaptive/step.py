@@ -170,6 +170,9 @@ class Step(SolvedState):
             names=names,
             key=pairs.node_keys,
             comm=comm,
+            traction=solution.traction,
+            slip=None if solution.traction is None else solution.slip_vector,
+            slipping=None if solution.traction is None else solution.slipping,
         )
 
     @property

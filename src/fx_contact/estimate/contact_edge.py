@@ -24,16 +24,19 @@ _SOME = 0.5
 
 
 def cells_at_edge(state: SolvedState) -> BoolArray:
-    """Cells (ncells,) whose facets in contact have closed and open nodes.  Collective on state.forest.comm."""
+    """Cells (ncells,) whose facets in contact have closed and open nodes, or nodes that stick and that slip.
+
+    Collective on state.forest.comm.
+    """
     assert state.rows is not None
-    rows, forest, active = state.rows, state.forest, state.solution.active
+    rows, forest, active, slips = state.rows, state.forest, state.solution.active, state.solution.slipping
     entries, prolongation = rows.entries, rows.prolongation
-    nodal, result = prolongation.zeros(2), np.zeros(len(forest), dtype=bool)
-    status = np.column_stack([active, ~active])[entries.row]
+    nodal, result = prolongation.zeros(4), np.zeros(len(forest), dtype=bool)
+    status = np.column_stack([active, ~active, active & ~slips, slips])[entries.row]
     np.add.at(nodal, entries.node, np.abs(entries.weight)[:, None] * status)
     leaf, face = forest.contact_faces()
     some = prolongation.prolong(prolongation.summed(nodal))[prolongation.space.on_faces(leaf, face)] > _SOME
-    result[leaf[np.any(some, axis=1).min(axis=1)]] = True
+    result[leaf[np.any(some, axis=1).reshape(-1, 2, 2).all(axis=2).any(axis=1)]] = True
     return result[state.elasticity.leaf_mesh.leaf]
 
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fx_contact.estimate.contact_quantities import ContactForce
 from fx_contact.estimate.dual_weighted import Goal
 from fx_contact.estimate.goal_errors import JudgedGoal
 from fx_contact.estimate.inter_node_gap import GapBetweenNodes
-from fx_contact.estimate.quantities import ContactForce
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.parallel.arrays import Int8Array
 

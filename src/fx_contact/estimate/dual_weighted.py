@@ -6,7 +6,10 @@ J(u) is linear for a fixed set of closed node pairs.  Its dual solution z satisf
 
     displacement, gap          l = J'
     force of a contact pair    d = 1 on its closed node pairs
-    reaction at a place        w = 1 there, in its direction.
+    reaction at a place        w = 1 there, in its direction
+    friction force             d = 1 in its direction where nodes stick, mu e . direction in normals that slip along e.
+
+The dual problem keeps the slip forces: that their bounds depend on the normal forces is neglected in it.
 
 The estimate of |J(u) - J(u_h)| is
 
@@ -34,6 +37,7 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
+from fx_contact.contact.constraint_rows import Role
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.row_motions import RowMotions
 from fx_contact.estimate.contact_edge import ContactEdge
@@ -68,6 +72,7 @@ class Functional:
             one counts.
         fixed: obstacles that settle under forces stay in place.
         beyond: (n,), d of open rows if they were closed.
+        tangential: (n + m, 3), of all rows: d of each tangent is its component along it.
     """
 
     value: float
@@ -78,10 +83,11 @@ class Functional:
     local: FloatArray | None = None
     fixed: bool = False
     beyond: FloatArray | None = None
+    tangential: FloatArray | None = None
 
     def depends(self, comm: MPI.Intracomm) -> bool:
         """True if the dual problem has data on any rank.  Collective."""
-        data = self.load, self.penetration, self.prescribed
+        data = self.load, self.penetration, self.prescribed, self.tangential
         return bool(comm.allreduce(any(array is not None and bool(array.any()) for array in data), op=MPI.LOR))
 
 
@@ -207,6 +213,10 @@ class Goals:
         w = functional.prescribed
         if functional.penetration is not None:
             penetration[: len(functional.penetration)] = functional.penetration
+        if functional.tangential is not None and isinstance(self._system, ContactSystem):
+            axes = self._system.jump.rows  # along and across the slip
+            components = np.einsum("ni,ni->n", functional.tangential, axes.normal)
+            penetration = np.where(axes.role == Role.TANGENT, components, penetration)
         if w is not None:
             load = load - elasticity.internal_forces(elasticity.field(w))
             penetration = penetration if rows is None else penetration - rows.jump(w)

@@ -8,17 +8,18 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact.pressure import leaves_of_rows
+from fx_contact.estimate.contact_quantities import ContactForce, FrictionForce, Gap, MaxPressure
 from fx_contact.estimate.dual_weighted import Functional, Goal, Goals
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.marking import for_goal
-from fx_contact.estimate.quantities import ContactForce, Displacement, Gap, MaxPressure, Quantity, Reaction
+from fx_contact.estimate.quantities import Displacement, Quantity, Reaction
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.parallel.arrays import FloatArray, Int8Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import LEAST_TOLERANCE, percent, shown
 from fx_contact.scene.scene import Scene
 
-_KINDS = ContactForce, Gap, MaxPressure, Displacement, Reaction
+_KINDS = ContactForce, FrictionForce, Gap, MaxPressure, Displacement, Reaction
 
 
 def check_goals(goals: Sequence[Quantity], scene: Scene) -> tuple[Quantity, ...]:

@@ -1,17 +1,32 @@
 """Laws of friction."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+import numpy as np
+
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_number, shown
 
 
-class TangentialLaw:
+class TangentialLaw(ABC):
     """Tangential behaviour of a contact, as data; its forces: `law.tangential`."""
 
 
+class Friction(TangentialLaw):
+    """A law of friction: stick below a bound of the tangential force, slip at it."""
+
+    #: Derivative of the bound by the normal force [-].
+    coefficient: float = 0.0
+
+    @abstractmethod
+    def bounds(self, force: FloatArray, area: FloatArray) -> FloatArray:
+        """Bounds (n,) [N] of tangential forces below normal forces (n,) [N] on areas (n,) [m^2].  Local."""
+
+
 @dataclass(frozen=True)
-class Coulomb(TangentialLaw):
+class Coulomb(Friction):
     """Coulomb's law: tangential forces up to mu times the normal force.  Raises SceneError unless mu > 0.
 
     Attributes:
@@ -23,9 +38,13 @@ class Coulomb(TangentialLaw):
     def __post_init__(self) -> None:
         check_number("the coefficient of friction", self.coefficient, positive=True)
 
+    def bounds(self, force: FloatArray, area: FloatArray) -> FloatArray:
+        """As `Friction.bounds`.  Local."""
+        return np.asarray(self.coefficient * np.maximum(force, 0.0))
+
 
 @dataclass(frozen=True)
-class Tresca(TangentialLaw):
+class Tresca(Friction):
     """Tresca's law: tangential tractions of closed contact up to a bound.  Raises SceneError unless it is positive.
 
     Attributes:
@@ -36,6 +55,10 @@ class Tresca(TangentialLaw):
 
     def __post_init__(self) -> None:
         check_number("the bound of Tresca's friction", self.bound, positive=True)
+
+    def bounds(self, force: FloatArray, area: FloatArray) -> FloatArray:
+        """As `Friction.bounds`.  Local."""
+        return np.asarray(self.bound * area)
 
 
 def friction_law(friction: float | TangentialLaw) -> TangentialLaw | None:

@@ -41,6 +41,9 @@ class ContactSolution:
         motions: found along given forces, by the names of interfaces, as in `StepRecord.motions`.
         slip: (n + m,), d of the load step in tangents of closed normals, else 0 [m].
         slipping: (n,), closed normals whose tangents slip.
+        closed_anew: (n,), closed normals that were open before the load step; without friction none.
+        traction: (n, 3), tangential forces of the sign of `row_force`, over the areas on which normal ones have the
+            pressure; None: no friction [Pa].
         yielded_rows: number of all ranks' rows that are left out, or prescribed, by conditions, ties or contacts before
             theirs (`contact.precedence`).
         energy_error: bound of the linear solver's error in the energy norm [J^(1/2)].
@@ -58,6 +61,8 @@ class ContactSolution:
     row_force: FloatArray
     slip: FloatArray
     slipping: BoolArray
+    closed_anew: BoolArray
+    traction: FloatArray | None
     motions: dict[str, float | list[float]]
     yielded_rows: int
     energy_error: float
@@ -67,6 +72,30 @@ class ContactSolution:
     def force(self) -> FloatArray:
         """(n,), contact forces, compression positive [N]."""
         return self.row_force[: len(self.active)]
+
+    @property
+    def slip_vector(self) -> FloatArray:
+        """(n, 3), slip of the first side on the second in the load step, of closed normals [m].  Local."""
+        assert self.rows is not None, "of a scene with contact"
+        return tangential_vectors(self.rows, self.slip)
+
+
+def _tractions(rows: ConstraintRows, force: FloatArray, pressure: FloatArray) -> FloatArray:
+    """Tangential tractions (n, 3) [Pa] by forces of all rows, over the areas on which normal ones have the pressure."""
+    normal = rows.role == Role.NORMAL
+    closed = (force[normal] > 0) & (pressure > 0)
+    per_area = np.divide(pressure, force[normal], out=1 / rows.area[normal], where=closed)
+    return per_area[:, None] * tangential_vectors(rows, force)
+
+
+def tangential_vectors(rows: ConstraintRows, values: FloatArray) -> FloatArray:
+    """Vectors (n, 3) at the n normals by values of all rows as components along their tangents; 0 without.  Local."""
+    normal, tangent = rows.role == Role.NORMAL, rows.role == Role.TANGENT
+    result, some = np.zeros((np.count_nonzero(normal), 3)), np.isin(rows.contact[normal], rows.contact[tangent])
+    for axis in (1, 2):
+        ours = tangent & (rows.axis == axis)
+        result[some] += values[ours, None] * rows.normal[ours]
+    return result
 
 
 def solve_contact(
@@ -145,9 +174,9 @@ def solve_system(
 
 #: Entries of a `ContactSolution` without rows.
 _WITHOUT_ROWS: dict[str, Any] = {
-    **dict.fromkeys(("active", "slipping"), np.zeros(0, dtype=bool)),
+    **dict.fromkeys(("active", "slipping", "closed_anew"), np.zeros(0, dtype=bool)),
     **dict.fromkeys(("pressure", "penetration", "row_force", "slip"), np.zeros(0)),
-    **{"contact_iterations": 1, "yielded_rows": 0},
+    **{"contact_iterations": 1, "yielded_rows": 0, "traction": None},
 }
 
 
@@ -157,14 +186,17 @@ def _of_rows(
     """Entries of a `ContactSolution` by its displacement (owned, 3) [m] and trial forces (n,) [N].  Collective."""
     normal, pressing = law.normal, law.springs().closed | (rows.role == Role.TANGENT)
     force = np.where(pressing & movable, trial, 0.0)
+    pressure = rows.part(Role.NORMAL).pressure(force[normal])
     return {
         "active": law.active[normal],
-        "pressure": rows.part(Role.NORMAL).pressure(force[normal]),
+        "pressure": pressure,
+        "traction": _tractions(rows, force, pressure) if law.slides else None,
         "penetration": rows.penetration(u)[normal],
         "contact_iterations": law.updates,
         "row_force": force,
         "slip": law.slip(u),
         "slipping": law.slipping()[normal],
+        "closed_anew": law.closed_anew(u)[normal],
         "yielded_rows": rows.prolongation.comm.allreduce(rows.yielded + int(np.count_nonzero(~movable))),
     }
 

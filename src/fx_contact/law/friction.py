@@ -19,7 +19,7 @@ from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_system import Springs
-from fx_contact.items.friction import Coulomb, TangentialLaw, Tresca
+from fx_contact.items.friction import Friction, TangentialLaw
 from fx_contact.law.tangents import Change, TangentialStatus
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 
@@ -80,13 +80,6 @@ class FrictionStatus(TangentialStatus):
         shift[self._pair] = self._turned(self._shift)
         return Springs(stiffness, shift, force)
 
-    def _bounds(self, normal_force: FloatArray) -> FloatArray:
-        """g (m,) [N] by normal forces (m,) [N]."""
-        if isinstance(self.law, Tresca):
-            return self.law.bound * self.rows.area[self._normal]
-        assert isinstance(self.law, Coulomb)
-        return self.law.coefficient * np.maximum(normal_force, 0.0)
-
     def _accelerated(self, bound: FloatArray, changed: bool) -> FloatArray:
         """Bounds (m,) [N] closer to the fixed point, by those since the last change of a status.  Collective."""
         comm = self.rows.prolongation.comm
@@ -107,7 +100,10 @@ class FrictionStatus(TangentialStatus):
         closed, c = active[self._normal], self._stiffness
         f, d = force[self._pair], np.where(self.slips[:, None], jump[self._pair] - self._shift, 0.0)
         p = f + c[:, None] * d
-        size, bound = np.linalg.norm(p, axis=1), np.where(closed, self._bounds(force[self._normal]), 0.0)
+        normals = self._normal
+        assert isinstance(self.law, Friction)
+        bound = np.where(closed, self.law.bounds(force[normals], self.rows.area[normals]), 0.0)
+        size = np.linalg.norm(p, axis=1)
         slips = size > bound + np.where(self.slips, -noise, noise) * np.sqrt(c)
         slips &= ~(self.slips & (np.einsum("ni,ni->n", d, f) < 0))
         slips |= ~closed

@@ -3,14 +3,14 @@
 import numpy as np
 
 from fx_contact.contact.constraint_rows import ConstraintRows, Role
-from fx_contact.items.friction import Coulomb, TangentialLaw, Tresca
+from fx_contact.items.friction import Friction, TangentialLaw
 from fx_contact.law.friction import FrictionStatus
 from fx_contact.law.tangents import TangentialStatus
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 
-#: Status by the type of the law.
-STATUS: dict[type[TangentialLaw], type[TangentialStatus]] = {Coulomb: FrictionStatus, Tresca: FrictionStatus}
+#: Status by the type of the law; a type without an entry has that of its base class.
+STATUS: dict[type[TangentialLaw], type[TangentialStatus]] = {Friction: FrictionStatus}
 
 
 def tangential_status(rows: ConstraintRows, before: FloatArray | None) -> list[TangentialStatus]:
@@ -21,10 +21,13 @@ def tangential_status(rows: ConstraintRows, before: FloatArray | None) -> list[T
     laws = [(kind.index, kind.contact.tangential) for kind in rows.kinds if kind.contact.tangential is not None]
     if not laws:
         return []
-    for _, law in laws:
-        if type(law) not in STATUS:
-            raise SceneError(
-                f"there is no status of tangents for a {type(law).__name__}: add one to law.tangential.STATUS"
-            )
     history, tangents = np.zeros(len(rows)) if before is None else rows.jump(before), rows.role == Role.TANGENT
-    return [STATUS[type(law)](law, rows, tangents & (rows.contact == index), history) for index, law in laws]
+    return [_status(law)(law, rows, tangents & (rows.contact == index), history) for index, law in laws]
+
+
+def _status(law: TangentialLaw) -> type[TangentialStatus]:
+    """The status of a law.  Raises SceneError: there is none."""
+    for kind in type(law).__mro__:
+        if kind in STATUS:
+            return STATUS[kind]
+    raise SceneError(f"there is no status of tangents for a {type(law).__name__}: add one to law.tangential.STATUS")

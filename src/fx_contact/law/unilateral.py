@@ -47,6 +47,8 @@ class Unilateral:
     #: Penetrations and gaps up to this part of the largest displacement are rounding (1e4 times that of a double),
     #: for instance of rows closed on the coarser mesh.
     _TOUCHING = 1e-12
+    #: Gaps from this part of the largest displacement of the load step on are open; curved meshes that touch have less.
+    _OPEN = 1e-6
     #: Most linear solves for stick and slip; 25 were needed at nu = 0, mu = 1.
     _MOST_SLIDES = 60
 
@@ -102,6 +104,14 @@ class Unilateral:
         """(n,), closed normals whose tangents slip with a bounded force.  Local."""
         slipping = [tangents.slipping() for tangents in self._tangents]
         return self.active & np.any([np.zeros_like(self.active), *slipping], axis=0)
+
+    def closed_anew(self, u: FloatArray) -> BoolArray:
+        """(n,), closed normals that were open before the load step, by its displacement (owned, 3) [m].  Collective."""
+        if not self._tangents:
+            return np.zeros_like(self.active)
+        before = np.zeros_like(u) if self._before is None else self._before
+        left, moved = -self._rows.penetration(before), self._max(np.abs(u - before))
+        return self.active & self.normal & (left > self._OPEN * moved)
 
     def slip(self, u: FloatArray) -> FloatArray:
         """d (n,) [m] of tangents of closed normals in a displacement (owned, 3) [m], 0 in other rows.  Collective."""

@@ -10,7 +10,6 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.adaptive_loop import Run, adapt
@@ -19,16 +18,24 @@ from fx_contact.adaptive.checkpoint_file import CheckpointFile
 from fx_contact.adaptive.solving import arguments_of
 from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step
+from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import table_head, table_row
-from fx_contact.adaptive.step_solver import HISTORY
 from fx_contact.parallel.agreement import check_alike
-from fx_contact.parallel.arrays import FloatArray, Int8Array
 from fx_contact.parallel.errors import CheckpointError, PartitionError, SceneError
 from fx_contact.parallel.meeting import calling, collective
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import as_path, check_comm, check_number, check_tolerance, percent, shown
+from fx_contact.parallel.validation import (
+    as_path,
+    check_comm,
+    check_count,
+    check_number,
+    check_tolerance,
+    percent,
+    shown,
+)
+from fx_contact.path.repetition import Repetition, repetition
+from fx_contact.path.starts import carried_over, next_increment, same_root
 from fx_contact.path.sweep_record import SweepRecord, write_sweep
-from fx_contact.scene.fingerprint import same_mesh
 from fx_contact.scene.scene import Scene, check_scene
 
 #: Starts of a point (`SweepRecord.begun`).
@@ -206,6 +213,7 @@ class LoadPath:
             unknowns=sum(one.dofs for one in run.records),
             cpu_seconds=self._comm.allreduce(time.process_time() - start) - compiled,
             record=step.record,
+            dissipated_energy=self._dissipated(step.record),
         )
         self.records.append(record)
         self._last = State.of(step)
@@ -216,10 +224,17 @@ class LoadPath:
             write_sweep(self._folder, self._comm, self.records)
         return SweepPoint(value, step, record)
 
+    def _dissipated(self, record: StepRecord) -> float | None:
+        """Energy that friction has dissipated up to a new record, in increments [J].  Local."""
+        if record.dissipated_energy is None or self._kind != "increments":
+            return record.dissipated_energy
+        before = self.records[-1].dissipated_energy if self.records else None
+        return (before or 0.0) + record.dissipated_energy
+
     def _run(self, scene: Scene) -> tuple[Run, str]:
         """The Run of a scene after its first step, and its start.  Collective."""
         options, last = self._options, self._last
-        if last is None or not _same_root(last, scene):
+        if last is None or not same_root(last, scene):
             if last is not None and self._kind == "increments":
                 raise SceneError(
                     "the root mesh or the contact pairs of the scene change between two increments, which go on from "
@@ -233,6 +248,36 @@ class LoadPath:
             return self._begun(scene, options | {"beginning": begin}), COARSE
         except PartitionError:  # the coarse forest has too few leaves for the ranks
             return self._begun(scene, options), ANEW
+
+    def repeated(self, parts: int = 1, unloaded: float | None = None) -> Repetition:
+        """The solved points once more, from rest on the mesh of the last one, each load step in equal parts.
+
+        Collective.  The change is that of meshes of earlier points, and of the size of the load steps.
+
+        Args:
+            parts: number of parts.
+            unloaded: value without load, from which the first load step is divided; None: it is not.
+
+        Raises:
+            SceneError: parts is no number from 1 on, no point of `increments` is solved, or as `adapt`.
+            FxContactError: as `adapt`.
+        """
+        with calling(self._comm, "the repetition of a load path"), together(self._comm):
+            check_count("the number of parts", parts)
+            if unloaded is not None:
+                check_number("the value without load", unloaded)
+            if self._kind != "increments" or self._last is None:
+                raise SceneError(
+                    "only solved points of `increments` can be repeated: those of a sweep have no history"
+                )
+
+        def solved(value: float, state: State) -> Step:
+            """The first step of a value, which begins at a state."""
+            options = self._options | {"max_steps": 1, "beginning": state}
+            return adapt(self._scene_of(value), self._tolerance, self._comm, **options).last_step()
+
+        points = [(record.value, record.record) for record in self.records]
+        return repetition(self._last, points, solved, parts, unloaded)
 
     def _begun(self, scene: Scene, options: dict[str, Any]) -> Run:
         """A Run of a scene after its first step.  Collective."""
@@ -275,45 +320,3 @@ class LoadPath:
             before.check(settings.problem, settings.fixed())
         self._last = before.load()
         write_sweep(folder, comm, self.records)
-
-
-def _same_root(state: State, scene: Scene) -> bool:
-    """True if a state is on the root mesh of a scene, with its contact pairs, and forces on the same obstacles."""
-    forest, known = state.forest, state.motions or {}
-    if any((pair.motion is not None) != (pair.name in known) for pair in scene.contact):
-        return False
-    return same_mesh(forest.mesh, scene.mesh) and forest.stands_on(scene.pairing, scene.contact_surfaces)
-
-
-def next_increment(state: State) -> State:
-    """The state from which the next increment begins: its displacement is history and a first guess.  Local."""
-    fields = state.fields.with_field(HISTORY, state.fields["displacement"])
-    return State(fields, state.motions, 1.0)
-
-
-def carried_over(state: State, tolerance: float, kind: str) -> State:
-    """The state on a coarsened forest, its displacement a first guess.
-
-    Collective on state.forest.comm.  Criterion (2) refines cells with an error above e omega / sqrt(N).  A leaf merges
-    with its siblings if two refinements of the parent, the most of one marking, are expected to lead to at most this
-    error (smooth solution).  A run then has two meshes as a rule.
-
-    Args:
-        tolerance: prescribed accuracy e [-].
-        kind: of partition, a key of `partition.KINDS`.
-    """
-    forest, estimate = state.forest, state.estimate
-    assert estimate is not None, "of a solved state"
-    allowed = (tolerance * estimate.energy_norm) ** 2 / estimate.cells
-    merges = _merges(estimate.error**2, allowed / estimate.child_error**2, estimate.child_error, forest.level)
-    fields = state.fields
-    if forest.comm.allreduce(bool(merges.any()), op=MPI.LOR):
-        fields = fields.coarsened(forest.level - merges, kind)
-    return State(fields, state.motions, 1.0)
-
-
-def _merges(error2: FloatArray, allowed: float, child_error: float, level: Int8Array) -> Int8Array:
-    """Merges (n,) of leaves: xi_T^2 of the ancestor k levels above, child_error^(-k) times theirs, is allowed."""
-    ancestors = np.arange(1, int(level.max(initial=0)) + 1)
-    small = error2[:, None] <= allowed * child_error**ancestors
-    return np.minimum(small.sum(axis=1), level).astype(np.int8)

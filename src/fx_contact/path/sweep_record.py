@@ -31,6 +31,7 @@ class SweepRecord:
         unknowns: of all steps together.
         cpu_seconds: of the point, all ranks together, without its scene and compilation [s].
         record: StepRecord of the last step.
+        dissipated_energy: by friction, in this load step and those before [J]; None: no friction.
     """
 
     point: int
@@ -40,6 +41,7 @@ class SweepRecord:
     unknowns: int
     cpu_seconds: float
     record: StepRecord
+    dissipated_energy: float | None = None
 
     def __str__(self) -> str:
         where = {"coarse": "on a coarse mesh", "before": "on the mesh before"}.get(self.begun, self.begun)
@@ -49,7 +51,8 @@ class SweepRecord:
 
     def as_json(self) -> dict[str, Any]:
         """The entries.  Local."""
-        return asdict(self) | {"record": self.record.as_json()}
+        entries = asdict(self) | {"record": self.record.as_json()}
+        return {name: value for name, value in entries.items() if value is not None}
 
     @classmethod
     def from_json(cls, entries: dict[str, Any]) -> Self:
@@ -81,7 +84,7 @@ def _replace(path: Path, text: str) -> None:
 
 
 def _table(points: list[SweepRecord]) -> str:
-    columns = [one.name for one in fields(SweepRecord) if one.name != "record"]
+    columns = [one.name for one in fields(SweepRecord) if one.name not in ("record", "dissipated_energy")]
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow([*columns, *_OF_STEP])

@@ -7,11 +7,13 @@ all ranks return the path, or the given object.  OutputError: the picture cannot
 from fx_contact.parallel.former import former_names
 from fx_contact.plot.bodies import draw_bodies, draw_mesh
 from fx_contact.plot.canvas import plotter_for
+from fx_contact.plot.contact_map import draw_contact
 from fx_contact.plot.curves import draw_convergence, draw_pressure, draw_sweep
 from fx_contact.plot.cut import draw_stress
 
 __all__ = [
     "draw_bodies",
+    "draw_contact",
     "draw_convergence",
     "draw_mesh",
     "draw_pressure",

@@ -171,15 +171,18 @@ def _on_faces(
         nodal = nodal_values(step)[:, 3][step.elasticity.prolongation.space.on_faces(leaf, face)]
         on_contact = np.zeros((len(step.forest), 6))
         on_contact[contact_faces(step)] = 1  # other faces may have closed nodes at an edge
-        values = on_contact[leaf, face, None] * (nodal @ _bilinear(degree).T)
+        values = on_contact[leaf, face, None] * (nodal @ bilinear(degree).T)
     else:
         values = von_mises(step.nodal_stress[on_face]) @ finer.T
     points = surfaces.face_points(step.forest, leaf, face)
     return points + factor * (finer @ step.nodal_displacement[on_face]), values
 
 
-def _bilinear(degree: int) -> FloatArray:
-    """Bilinear interpolation between the nodes of a face, which keeps the pressure positive: ((k+1)^2, (p+1)^2)."""
+def bilinear(degree: int) -> FloatArray:
+    """Bilinear interpolation between the nodes of a face, which keeps the pressure positive: ((k+1)^2, (p+1)^2).
+
+    Local.
+    """
     at, nodes = np.linspace(0, 1, surfaces.PIECES + 1), np.linspace(0, 1, degree + 1)
     hats = np.stack([np.interp(at, nodes, unit) for unit in np.eye(degree + 1)], axis=1)
     return np.kron(hats, hats)

@@ -26,6 +26,8 @@ from fx_contact.results.reference_values import ContactReference
 _DIMENSIONS = {"force": "force", "max_pressure": "stress", "contact_radius": "length", "max_penetration": "length"}
 #: Colours of computed and of known values.
 _COMPUTED, _KNOWN = "#0072B2", "#D55E00"
+#: Of tractions that stick, and that slip.
+_OF_STATUS = "#009E73", "#E69F00"
 
 
 @collective("step.forest.comm")
@@ -33,6 +35,8 @@ def draw_pressure(
     step: Step, path: str | Path | None = None, exact: Hertz | ContactReference | None = None, *, ax: Any = None
 ) -> Any:
     """Contact pressure of all contact nodes over their distance from the centre of the contact, and a known solution.
+
+    With friction also the tangential tractions of nodes that stick, and that slip.
 
     A curve in round contact only; maps and lines of any contact: `results.contact_grid`.
 
@@ -67,6 +71,13 @@ def _draw_pressure(
     scale = exact.contact_radius if exact else 1.0
     marks = {"ls": "", "marker": "o", "mfc": "none", "color": _COMPUTED}
     axes.plot(radius[near] / scale, table.pressure[near], ms=4, label="contact nodes", **marks)
+    if table.traction is not None:
+        traction = np.linalg.norm(table.traction, axis=1)
+        for slips, name, mark in ((False, "stick", "s"), (True, "slip", "^")):
+            some = near & table.active & (table.slipping == slips)
+            axes.plot(
+                radius[some] / scale, traction[some], mark, ms=4, color=_OF_STATUS[slips], label=f"traction, {name}"
+            )
     title = labelled("distance from the centre", "length", record.units)
     if exact:
         r, name = np.linspace(0, reach, 400, dtype=np.float64), getattr(exact, "name", "Hertz")

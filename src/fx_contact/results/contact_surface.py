@@ -21,8 +21,9 @@ def contact_grid(step: Step) -> Any:
 
     Returns:
         Grid with point data `displacement` (n, 3) [m], `pressure` [Pa], `closed`, 1 for a closed pair and 0 for an
-        open one, and open `gap` [m]; cell data `body`, as numbered in the root mesh, and of the leaf behind the facet
-        `level`, `rank` and `indicator` [J^(1/2)].
+        open one, and open `gap` [m]; with friction `traction`, `slip` (n, 3) and `slips` (1 or 0) as in
+        `ContactTable`; cell data `body`, as numbered in the root mesh, and of the leaf behind the facet `level`, `rank`
+        and `indicator` [J^(1/2)].
 
     Raises:
         SceneError: no step, or one without contact.
@@ -39,10 +40,13 @@ def contact_grid(step: Step) -> Any:
     cells = np.insert(np.arange(points.size // 3).reshape(len(leaf), len(turn)), 0, len(turn), axis=1)
     kinds = np.full(len(leaf), pyvista.CellType.LAGRANGE_QUADRILATERAL)
     grid = pyvista.UnstructuredGrid(cells.ravel(), kinds, points.reshape(-1, 3))
-    values = nodal.reshape(-1, 6)
+    values = nodal.reshape(-1, nodal.shape[2])
     grid.point_data["displacement"] = values[:, :3]
     grid.point_data["pressure"], grid.point_data["gap"] = values[:, 3], values[:, 5]
     grid.point_data["closed"] = (values[:, 4] > 0.5).astype(float)  # 0 or 1 also between nodes
+    if step.solution.traction is not None:
+        grid.point_data["traction"], grid.point_data["slip"] = values[:, 6:9], values[:, 9:12]
+        grid.point_data["slips"] = (values[:, 12] > 0.5).astype(float)
     indicator = np.empty(len(forest))
     indicator[step.leaf_mesh.leaf] = step.estimate.error
     grid.cell_data["body"] = forest.mesh.body[forest.cell[leaf]]
@@ -78,6 +82,8 @@ def face_interpolation(order: int, finer: int) -> FloatArray:
 def nodal_values(step: Step) -> FloatArray:
     """Displacement [m], and pressure [Pa], status (1 closed) and open gap [m], 0 off the contact: (m, 6).
 
+    With friction also traction [Pa], slip [m] and status (1 slips): (m, 13).
+
     Collective on the step's communicator.  The m nodes are this rank's.  A node in several contact pairs of the scene
     has the mean of its rows (`_nodal_means`).
     """
@@ -86,16 +92,18 @@ def nodal_values(step: Step) -> FloatArray:
 
 
 def _nodal_means(step: Step) -> FloatArray:
-    """Pressure [Pa], status (1 closed) and open gap [m] at owned conforming nodes, 0 off the contact: (m, 3).
+    """Columns of `nodal_values` but the displacement at owned conforming nodes.
 
     Collective.  A node with several rows has their mean, weighted by their areas.
     """
     rows, solution, prolongation = step.rows, step.solution, step.elasticity.prolongation
     assert rows is not None, "of a scene with contact"
-    columns = solution.pressure, solution.active, -solution.penetration, np.ones(len(rows))
+    columns = [np.ones(len(rows)), solution.pressure, solution.active, -solution.penetration]
+    if solution.traction is not None:
+        columns += [solution.traction, solution.slip_vector, solution.slipping]
     values = rows.area[:, None] * np.column_stack(columns)
-    sums = prolongation.zeros(4)
+    sums = prolongation.zeros(values.shape[1])
     entries = rows.entries
     np.add.at(sums, entries.node, np.abs(entries.weight)[:, None] * values[entries.row])
     sums = prolongation.summed(sums)
-    return np.asarray(sums[:, :3] / np.where(sums[:, 3:] > 0, sums[:, 3:], 1.0))
+    return np.asarray(sums[:, 1:] / np.where(sums[:, :1] > 0, sums[:, :1], 1.0))

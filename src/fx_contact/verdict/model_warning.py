@@ -33,9 +33,9 @@ class ModelWarning:
     """A violated modelling assumption.
 
     Attributes:
-        kind: "large strain", "large rotation", "sliding", "no contact", "initial overlap", "unresolved load",
-            "growing pressure", "uncovered", "oblique direction", "penetration", "no load", "zero load", "held load",
-            "load on contact" or "free on a plane".
+        kind: "large strain", "large rotation", "sliding", "load step", "no contact", "initial overlap",
+            "unresolved load", "growing pressure", "uncovered", "oblique direction", "penetration", "no load",
+            "zero load", "held load", "load on contact" or "free on a plane".
         value: found, in the unit that the message says.
         limit: exceeded by the value; for "no contact" and "no load" reached.
         place: a point, undeformed [m], or the name of a body, a surface or the scene.

@@ -23,6 +23,7 @@ from fx_contact.geometry import hexahedron
 from fx_contact.geometry.lattice import SIDE
 from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.items.boundary_conditions import BodyForce
+from fx_contact.law.contact_solver import tangential_vectors
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
 from fx_contact.scene.scene import Scene
@@ -30,6 +31,9 @@ from fx_contact.verdict.model_warning import LARGE, MISSED, ModelWarning, Point
 
 #: Limit of the sliding of closed rows, relative to the radius of the contact [-].
 SLIDING = 0.1
+#: Limit of the tangential forces of nodes that close in a load step, relative to the normal force of their contact.  Of
+#: a ball on a rigid plane, mu 0.3 to 1, they are STEP (`studies.cost.friction`) [-].
+LOAD_STEP = 0.05
 #: Limit of the initial overlap, relative to the thinner of the two bodies: as much strain as `LARGE` [-].
 INITIAL_OVERLAP = 0.05
 #: Limit of the part of the smaller of two tied surfaces that faces nothing: the tied section is so much smaller [-].
@@ -85,7 +89,7 @@ def warnings_of_state(state: SolvedState, load_totals: FloatArray) -> list[Model
     if rows is not None:
         closed = state.forest.comm.allreduce(bool(state.solution.active.any()), op=MPI.LOR)
         warnings += _sliding(state, rows) + _initial_overlaps(state, rows) if closed else [_no_contact(state, rows)]
-        warnings += [*_cut_off(state, rows), *_oblique(state, rows)]
+        warnings += [*_large_load_steps(state, rows), *_cut_off(state, rows), *_oblique(state, rows)]
     return warnings + _uncovered_ties(state.scene) + _unresolved_loads(state, load_totals)
 
 
@@ -151,6 +155,26 @@ def _sliding(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
                 f"{limit:.3g}, in units of the mesh"
             )
             warnings.append(ModelWarning("sliding", value, limit, place, message))
+    return warnings
+
+
+def _large_load_steps(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+    """Contacts with friction whose nodes have closed in this load step and carry tangential forces."""
+    solution, contacts, warnings = state.solution, state.scene.contact, list[ModelWarning]()
+    if not any(pair.tangential is not None for pair in contacts):
+        return warnings
+    assert solution.rows is not None
+    along = np.linalg.norm(tangential_vectors(solution.rows, solution.row_force), axis=1)
+    columns = solution.force, np.where(solution.closed_anew, along, 0.0)
+    sums = np.stack([np.bincount(rows.contact, column, len(contacts)) for column in columns]).astype(float)
+    for pair, force, anew in zip(contacts, *rows.prolongation.comm.allreduce(sums)):
+        if anew > LOAD_STEP * force:
+            message = (
+                f"nodes of {pair.label} that close in this load step have tangential forces of {percent(anew / force)} "
+                f"of the contact force; they stick from where the step begins, not from where they close; limit "
+                f"{LOAD_STEP:.0%}; take more load steps (`increments`): `LoadPath.repeated(2)` tells their effect"
+            )
+            warnings.append(ModelWarning("load step", anew / force, LOAD_STEP, pair.name, message))
     return warnings
 
 
