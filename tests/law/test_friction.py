@@ -255,3 +255,31 @@ def test_impossible_friction():
         ContactPair("a", PLANE, force=(0, 0, -1), friction=0.1)
     with pytest.raises(SceneError, match="friction needs the enforcement 'exact'"):
         adapt(fretting(0.5, 0.0), 0.5, enforcement=Enforcement("penalty"))
+
+
+def test_an_obstacle_that_moves():
+    """It slides as the body that moves the other way, also in steps from the place before."""
+
+    def moved(body, plane):
+        """The scene of a displacement of the body or of the plane."""
+        held, pair = [Dirichlet("cube top", body, 0.0, -0.01)], {"moved": (plane, 0.0, 0.0)}
+        scene = cubes("obstacle", MU, 0.3, held=held)
+        return replace(scene, contact=replace(scene.contact[0], **pair))
+
+    shifts, options = (0.0, 1e-3, 2e-3, 1e-3), {"degree": 1, "max_steps": 1}
+    one, other = (
+        [contact_force(point.step) for point in increments(of, shifts, 0.9, **options)]
+        for of in (lambda s: moved(-s, 0.0), lambda s: moved(0.0, s))
+    )
+    assert np.allclose(one, other, rtol=1e-6, atol=1e-9) and one[3][0] > one[2][0] < -1e-5
+
+
+def test_unloaded_in_the_end():
+    """The last increment may have no load."""
+
+    def pressed(down):
+        """The cube pressed by a displacement."""
+        return cubes("pairs", MU, 0.3, held=[Dirichlet("cube top", 0.0, 0.0, -down)])
+
+    *_, point = increments(pressed, (1e-2, 0.0), 0.9, degree=1, max_steps=1)
+    assert point.record.record.force < 1e-12 and point.record.begun == "before"

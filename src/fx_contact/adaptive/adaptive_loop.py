@@ -14,7 +14,7 @@ from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import print_row, table_head, table_row
-from fx_contact.adaptive.step_solver import solve_step
+from fx_contact.adaptive.step_solver import HISTORY, solve_step
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.quantities import Quantity
@@ -112,6 +112,7 @@ def adapt(
             degree=degree,
             allow=allow,
             goals=(goals,) if isinstance(goals, Quantity) else goals,
+            moved_before=beginning.moved if isinstance(beginning, State) else {},
         )
         check_count("max_steps", max_steps)
         check_name("partition", partition_kind, KINDS)
@@ -128,9 +129,8 @@ def adapt(
             "restart": None if source is None else [str(source.path), len(source.records)],
         }
     check_alike(comm, entries)
-    writer = None
-    if checkpoint is not None:
-        writer = CheckpointWriter(checkpoint, comm, settings.problem, settings.fixed(), source)
+    about = settings.problem, settings.fixed(), source
+    writer = None if checkpoint is None else CheckpointWriter(checkpoint, comm, *about)
     return Run(
         settings,
         comm,
@@ -153,7 +153,8 @@ def _check_start(
     settings: Settings, comm: MPI.Intracomm, beginning: Beginning | State | None, restart: Checkpoint | None
 ) -> None:
     """Raises SceneError or CheckpointError unless a run can begin there, ValidityError without loads.  Local."""
-    check_model_warnings(load_warnings(settings.scene), settings.allow)
+    if not isinstance(beginning, State) or HISTORY not in beginning.fields:
+        check_model_warnings(load_warnings(settings.scene), settings.allow)
     starts: tuple[tuple[str, object, type], ...]
     starts = ("restart", restart, Checkpoint), ("beginning", beginning, Beginning)
     for name, value, kind in starts:

@@ -1,7 +1,7 @@
 """Settings of a run, the same in every step."""
 
-from collections.abc import Collection, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from numbers import Integral
 from typing import Any
@@ -36,6 +36,7 @@ class Settings:
         degree: p of the displacements, 1 or 2.
         allow: kinds of model warnings that are no errors, keys of `model_warning.REFUSED`.
         goals: quantities with tolerances of their own.
+        moved_before: `State.moved` of the load step before.
 
     Raises:
         SceneError: a value of another type, another degree, a tolerance below `LEAST_TOLERANCE` or not below 1, an
@@ -51,6 +52,7 @@ class Settings:
     degree: int = DEGREE
     allow: str | Sequence[str] = ()
     goals: Sequence[Quantity] = ()
+    moved_before: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_scene(self.scene)

@@ -1,7 +1,7 @@
 """The state of a run between two meshes, and of a load path between two points."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -18,6 +18,7 @@ from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import Int8Array
+from fx_contact.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +33,7 @@ class State:
         estimate: errors in the order of the leaves; None: to be solved.
         refine: (n,), number of refinements of each leaf for contact and goals, beside those for the estimate.
         expected: `StepRecord.expected_estimate`, of this mesh.
+        moved: `Contact.moved` of the solution, by the names of contacts [m].
     """
 
     fields: NodalFields
@@ -40,6 +42,7 @@ class State:
     estimate: Estimate | None = None
     refine: Int8Array | None = None
     expected: float | None = None
+    moved: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     @property
     def forest(self) -> Forest:
@@ -59,7 +62,8 @@ class State:
         cell, error = np.argsort(step.leaf_mesh.leaf), step.estimate
         at_edge = None if error.at_edge is None else error.at_edge[cell]
         estimate = replace(error, error=error.error[cell], energy=None, at_edge=at_edge)
-        return cls(fields, step.record.motions, step.record.assumed_effectivity, estimate, step.contact_error.refine)
+        theta, refine = step.record.assumed_effectivity, step.contact_error.refine
+        return cls(fields, step.record.motions, theta, estimate, refine, moved=places(step.scene))
 
     def start(self, settings: Settings) -> StepStart:
         """Start of a solve on the forest.  Collective."""
@@ -86,6 +90,11 @@ class State:
         expected = expected_estimate(self.estimate, marked, self.forest.comm)
         fields = self.fields.refined(np.maximum(marked, self.refine))
         return type(self)(fields, self.motions, later, expected=expected)
+
+
+def places(scene: Scene) -> dict[str, tuple[float, float, float]]:
+    """`Contact.moved` by the names of contacts [m].  Local."""
+    return {pair.name: pair.moved for pair in scene.contact}
 
 
 def loss_rate(records: Sequence[StepRecord]) -> float:

@@ -12,7 +12,7 @@ from fx_contact.adaptive.solve_record import record_of_solve
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import Motions, StepRecord
 from fx_contact.contact.constraint_rows import ConstraintRows, Role
-from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
+from fx_contact.contact.contact_problem import ContactProblem, History, SolveOptions
 from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.row_kinds import columns_at_rest, create_rows
 from fx_contact.estimate.contact_edge import cells_at_edge
@@ -46,7 +46,7 @@ from fx_contact.verdict.contact_figures import ContactFigures, figures_of_contac
 from fx_contact.verdict.model_warning import ModelWarning, check_model_warnings
 from fx_contact.verdict.penetration import penetrations
 from fx_contact.verdict.resultants import Resultant, sum_up
-from fx_contact.verdict.solution_warnings import warnings_of_state
+from fx_contact.verdict.solution_warnings import load_warnings, warnings_of_state
 
 #: Without contact, an energy norm up to this many times rounding is that of a rigid motion: taken as 0.  Half-spheres
 #: that do not touch, moved by 1e-6 to 1 of their radius, have 0.3 to 0.8 times rounding
@@ -83,10 +83,10 @@ class StepStart:
         return self.prolongation.space.forest
 
     @property
-    def history_displacement(self) -> FloatArray:
-        """Displacement (owned, 3) of the point before in a load path of increments; 0 at the first [m].  Local."""
+    def history_displacement(self) -> FloatArray | None:
+        """Displacement (owned, 3) [m] of the point before in a load path of increments; None: the first.  Local."""
         if HISTORY not in self.fields:
-            return np.zeros_like(self.displacement)
+            return None
         return self.prolongation.injected(self.fields.at_nodes(self.prolongation.space, HISTORY))
 
 
@@ -171,7 +171,7 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         coarse=coarse,
         volume=volume,
         rows_at=rows_at,
-        before=start.history_displacement if HISTORY in start.fields else None,
+        before=History(start.history_displacement, settings.moved_before),
         distances=distances,
     )
     return _Discrete(elasticity, problem, forces, totals)
@@ -236,6 +236,8 @@ def _assess(
     _check_solver(state, tolerance)
     residual = _checked_residual(state, discrete)
     warnings = [*warnings_of_state(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
+    if HISTORY not in start.fields:  # a last increment may have no load
+        warnings = load_warnings(state.scene) + warnings
     check_model_warnings(warnings, settings.allow)
     figures = figures_of_contact(state.scene, state.rows, solution, comm)
     resultants = sum_up(state, residual, discrete.load_totals, np.array(figures.contact_centre))

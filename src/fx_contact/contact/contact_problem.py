@@ -1,6 +1,6 @@
 """The discrete contact problem, and the user's options for its solution."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,6 +22,27 @@ from fx_contact.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
+class History:
+    """The load step before.
+
+    Attributes:
+        displacement: (owned, 3); None: 0 [m].
+        moved: `Contact.moved` by the names of contacts; others: 0 [m].
+    """
+
+    displacement: FloatArray | None = None
+    moved: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+
+    def jump(self, rows: ConstraintRows) -> FloatArray:
+        """s (n,) [m] of rows: B u of that displacement, and how far obstacles have moved since then.  Collective."""
+        result: FloatArray = np.zeros(len(rows)) if self.displacement is None else rows.jump(self.displacement)
+        for kind in rows.kinds:
+            way = np.subtract(kind.contact.moved, self.moved.get(kind.contact.name, np.zeros(3)))
+            result += np.where(rows.contact == kind.index, rows.normal @ way, 0.0)
+        return result
+
+
+@dataclass(frozen=True, eq=False)
 class ContactProblem:
     """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; in rows of ties B u = 0; without rows K u = L.
 
@@ -35,7 +56,7 @@ class ContactProblem:
         scene: to move its bodies into contact, and to find unconstrained bodies of an active set; None: neither.
         coarse: level below the matrix, for p-multigrid.
         volume: term of nearly incompressible bodies beside the matrix.
-        before: (owned, 3), displacement after the load step before, from which tangents slip [m]; None: 0.
+        before: the load step before, from which tangents slip.
         rows_at: the rows for distances (k,) of obstacles along the forces on them [m]; collective.  None: there are no
             such obstacles.
         distances: (k,), where they begin [m].
@@ -51,7 +72,7 @@ class ContactProblem:
     scene: Scene | None = None
     coarse: CoarseLevel | None = None
     volume: VolumeTerm | None = None
-    before: FloatArray | None = None
+    before: History = field(default_factory=lambda: History())
     rows_at: Callable[[FloatArray], ConstraintRows] | None = None
     distances: FloatArray = field(default_factory=lambda: np.zeros(0))
     operator: Operator | None = None

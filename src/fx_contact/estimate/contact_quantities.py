@@ -121,7 +121,7 @@ class FrictionForce(OfPair):
             raise SceneError(f"{self.contact(scene).label} has no friction, and {self!r} is 0")
 
     def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
-        """As `Quantity.functional`."""
+        """As `Quantity.functional`.  Raises SceneError: as `check`, of a scene that was not checked."""
         solution, scene, (_, ours), index = state.solution, state.scene, self.rows(state), self.index(state.scene)
         every = solution.rows
         assert every is not None

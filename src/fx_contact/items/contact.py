@@ -25,6 +25,7 @@ class Contact(ABC):
     Attributes:
         clearance: added to the gap, negative for interference [m].
         force: on the obstacle, along which it is free to move [N]; None: it does not move by itself.
+        moved: displacement of the obstacle [m].
     """
 
     #: Rows are equations, always closed.
@@ -35,6 +36,7 @@ class Contact(ABC):
 
     clearance: float = 0.0
     force: tuple[float, float, float] | None = None
+    moved: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def tangential(self) -> TangentialLaw | None:

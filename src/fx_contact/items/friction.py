@@ -45,10 +45,14 @@ class Coulomb(Friction):
 
 @dataclass(frozen=True)
 class Tresca(Friction):
-    """Tresca's law: tangential tractions of closed contact up to a bound.  Raises SceneError unless it is positive.
+    """Tresca's law: tangential tractions up to a bound, and up to the pressure.
+
+    Beyond the pressure they could pull nodes open as soon as these close, so that no state is a solution.
+
+    Raises SceneError unless the bound is positive.
 
     Attributes:
-        bound: of the traction, whatever the pressure [Pa].
+        bound: of the traction [Pa].
     """
 
     bound: float
@@ -58,7 +62,7 @@ class Tresca(Friction):
 
     def bounds(self, force: FloatArray, area: FloatArray) -> FloatArray:
         """As `Friction.bounds`.  Local."""
-        return np.asarray(self.bound * area)
+        return np.minimum(self.bound * area, np.maximum(force, 0.0))
 
 
 def friction_law(friction: float | TangentialLaw) -> TangentialLaw | None:

@@ -1,6 +1,6 @@
 """Status of the tangent rows of one contact: springs, history and forces.
 
-The slip of a load step is d = B_t u - s with s = B_t u_0, u_0 the displacement after the load step before.
+The slip of a load step is d = B_t u - s, s of the load step before (`History`).
 """
 
 from abc import ABC, abstractmethod

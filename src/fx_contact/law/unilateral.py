@@ -15,6 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import ConstraintRows, Role
+from fx_contact.contact.contact_problem import History
 from fx_contact.contact.contact_system import Springs
 from fx_contact.contact.row_motions import RowMotions
 from fx_contact.law.tangential import tangential_status
@@ -33,7 +34,7 @@ class Unilateral:
         u: (owned, 3), displacement [m].
         most: linear solves; None: no limit.
         exact: closed rows do not yield.
-        before: (owned, 3), displacement after the load step before, for tangents [m]; None: 0.
+        before: the load step before, for tangents.
 
     Attributes:
         active: (n,), closed normals, and all equations.
@@ -47,7 +48,8 @@ class Unilateral:
     #: Penetrations and gaps up to this part of the largest displacement are rounding (1e4 times that of a double),
     #: for instance of rows closed on the coarser mesh.
     _TOUCHING = 1e-12
-    #: Gaps from this part of the largest displacement of the load step on are open; curved meshes that touch have less.
+    #: Gaps from this part of the largest displacement on are open before a load step; curved surfaces that touch have
+    #: less.
     _OPEN = 1e-6
     #: Most linear solves for stick and slip; 25 were needed at nu = 0, mu = 1.
     _MOST_SLIDES = 60
@@ -59,7 +61,7 @@ class Unilateral:
         u: FloatArray,
         most: int | None,
         exact: bool = True,
-        before: FloatArray | None = None,
+        before: History = History(),
     ) -> None:
         self._rows, self._scene, self._most, self._exact, self._before = rows, scene, most, exact, before
         self._comm = rows.prolongation.comm
@@ -106,12 +108,11 @@ class Unilateral:
         return self.active & np.any([np.zeros_like(self.active), *slipping], axis=0)
 
     def closed_anew(self, u: FloatArray) -> BoolArray:
-        """(n,), closed normals that were open before the load step, by its displacement (owned, 3) [m].  Collective."""
+        """(n,), closed normals that were open before the load step, for a displacement (owned, 3) [m].  Collective."""
         if not self._tangents:
             return np.zeros_like(self.active)
-        before = np.zeros_like(u) if self._before is None else self._before
-        left, moved = -self._rows.penetration(before), self._max(np.abs(u - before))
-        return self.active & self.normal & (left > self._OPEN * moved)
+        left = self._rows.gap - self._before.jump(self._rows)
+        return self.active & self.normal & (left > self._OPEN * self._max(np.abs(u)))
 
     def slip(self, u: FloatArray) -> FloatArray:
         """d (n,) [m] of tangents of closed normals in a displacement (owned, 3) [m], 0 in other rows.  Collective."""
@@ -156,10 +157,11 @@ class Unilateral:
             self._needed, self._carried = float(np.linalg.norm(sums[3:])), float(rows.symmetry * sums[2])
         changes = bool(sums[0] > 0 or sums[1] > noise**2)
         if changes and self._slides >= self._MOST_SLIDES:
+            slides = f"; {self._sliding()}: unless something else holds it, a body slides"
             raise SolveError(
-                f"friction does not settle: after {self._slides} linear solves {int(sums[0])} nodes begin to stick or "
-                f"slip, and {self._sliding()}; a body slides unless more than friction holds it; with a large "
-                "coefficient take smaller increments: solutions may not be unique, or not exist"
+                f"friction does not settle: after {self._slides} linear solves its forces, or what opens, closes, "
+                f"sticks or slips, still change{slides * (self._carried < self._needed)}; with a large coefficient "
+                "take smaller increments: solutions may not be unique, or not exist"
             )
         return changes
 

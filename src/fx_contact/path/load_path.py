@@ -5,7 +5,7 @@ A sweep may take its points in any order, on coarsened forests; increments go on
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from inspect import signature
 from pathlib import Path
 from typing import Any, Self
@@ -16,7 +16,7 @@ from fx_contact.adaptive.adaptive_loop import Run, adapt
 from fx_contact.adaptive.checkpoint import NAME, Checkpoint, CheckpointWriter
 from fx_contact.adaptive.checkpoint_file import CheckpointFile
 from fx_contact.adaptive.solving import arguments_of
-from fx_contact.adaptive.state import State
+from fx_contact.adaptive.state import State, places
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import table_head, table_row
@@ -33,7 +33,7 @@ from fx_contact.parallel.validation import (
     percent,
     shown,
 )
-from fx_contact.path.repetition import Repetition, repetition
+from fx_contact.path.repetition import Repetition, repeated_path
 from fx_contact.path.starts import carried_over, next_increment, same_root
 from fx_contact.path.sweep_record import SweepRecord, write_sweep
 from fx_contact.scene.scene import Scene, check_scene
@@ -277,7 +277,7 @@ class LoadPath:
             return adapt(self._scene_of(value), self._tolerance, self._comm, **options).last_step()
 
         points = [(record.value, record.record) for record in self.records]
-        return repetition(self._last, points, solved, parts, unloaded)
+        return repeated_path(self._last, points, solved, parts, unloaded)
 
     def _begun(self, scene: Scene, options: dict[str, Any]) -> Run:
         """A Run of a scene after its first step.  Collective."""
@@ -318,5 +318,5 @@ class LoadPath:
         settings = adapt(scene, self._tolerance, comm, **self._options).settings
         with together(comm):
             before.check(settings.problem, settings.fixed())
-        self._last = before.load()
+        self._last = replace(before.load(), moved=places(scene))
         write_sweep(folder, comm, self.records)

@@ -39,7 +39,7 @@ class Repetition:
         )
 
 
-def repetition(
+def repeated_path(
     last: State,
     points: Sequence[tuple[float, StepRecord]],
     solved: Callable[[float, State], Step],

@@ -34,7 +34,7 @@ def same_root(state: State, scene: Scene) -> bool:
 def next_increment(state: State) -> State:
     """The state from which the next increment begins: its displacement is history and a first guess.  Local."""
     fields = state.fields.with_field(HISTORY, state.fields["displacement"])
-    return State(fields, state.motions, 1.0)
+    return State(fields, state.motions, 1.0, moved=state.moved)
 
 
 def carried_over(state: State, tolerance: float, kind: str) -> State:

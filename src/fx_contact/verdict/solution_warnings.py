@@ -50,7 +50,7 @@ _SAME = 1e-6
 
 def load_warnings(scene: Scene) -> list[ModelWarning]:
     """A warning if nothing loads a scene: no displacement, force, function of position, or initial overlap.  Local."""
-    if any(callable(value) or np.any(value) for value in scene.data):
+    if any(callable(value) or np.any(value) for value in (*scene.data, *(pair.moved for pair in scene.contact))):
         return []
     if scene.contact and _initial_overlap(scene) > _TOUCHING * np.ptp(scene.mesh.points, axis=0).max():
         return []
@@ -84,7 +84,7 @@ def warnings_of_state(state: SolvedState, load_totals: FloatArray) -> list[Model
         state: with the energies of the cells in `estimate`.
         load_totals: (k, nbodies, 6), resultants of the k loads on each body, as from `load_and_totals`.
     """
-    warnings = [*load_warnings(state.scene), *_large_deformations(state)]
+    warnings = _large_deformations(state)
     rows = state.rows
     if rows is not None:
         closed = state.forest.comm.allreduce(bool(state.solution.active.any()), op=MPI.LOR)
