@@ -7,7 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_contact import ContactPair, Dirichlet, Material, SceneError, SymmetryPlane, Traction
+from fx_contact import (
+    Dirichlet,
+    Material,
+    RigidCone,
+    RigidCylinder,
+    RigidPlane,
+    RigidSphere,
+    SceneError,
+    SymmetryPlane,
+    Traction,
+    Tresca,
+)
+
+#: Entries of obstacles that are points, directions and lengths.
+_POINTS = {RigidPlane: "point", RigidSphere: "centre", RigidCylinder: "point", RigidCone: "apex"}
+_DIRECTIONS = {RigidPlane: "normal", RigidCylinder: "axis", RigidCone: "axis"}
+_LENGTHS = {RigidSphere: "radius", RigidCylinder: "radius"}
 
 
 def scaled(scene, length=1.0, stress=1.0):
@@ -25,6 +41,13 @@ def scaled(scene, length=1.0, stress=1.0):
             return value and (lambda x: factor * np.asarray(value(x / length)))
         return tuple(factor * float(v) for v in value) if np.ndim(value) else factor * float(value)
 
+    def larger(pair):
+        """A contact whose obstacle, motion, clearance and bound of friction are in the other units."""
+        moved, clearance = times(length, pair.moved), times(length, pair.clearance)
+        friction = Tresca(stress * pair.friction.bound) if isinstance(pair.friction, Tresca) else pair.friction
+        second = _changed(pair.second, (_POINTS, _LENGTHS), lambda value: times(length, value))
+        return replace(pair, second=second, moved=moved, clearance=clearance, friction=friction)
+
     return replace(
         scene,
         mesh=replace(scene.mesh, points=length * scene.mesh.points),
@@ -33,6 +56,7 @@ def scaled(scene, length=1.0, stress=1.0):
             c if isinstance(c, SymmetryPlane) else replace(c, **{i: times(length, getattr(c, i)) for i in "xyz"})
             for c in scene.dirichlet
         ),
+        contact=tuple(map(larger, scene.contact)),
         tractions=tuple(replace(t, value=times(stress, t.value)) for t in scene.tractions),
         body_forces=tuple(replace(f, value=times(stress / length, f.value)) for f in scene.body_forces),
         contact_centre=scene.contact_centre and times(length, scene.contact_centre),
@@ -56,6 +80,11 @@ def turned(scene, rotation):
             return lambda x: rotation @ vector(rotation.T @ x)
         return tuple((rotation @ np.asarray(vector, dtype=np.float64)).tolist())
 
+    def turn_pair(pair):
+        second = _changed(pair.second, (_POINTS, _DIRECTIONS), turn)
+        direction = None if pair.direction is None else turn(pair.direction)
+        return replace(pair, second=second, direction=direction, moved=turn(pair.moved))
+
     def turn_load(load):
         if isinstance(load, Traction):
             return replace(load, value=turn(load.value))
@@ -68,9 +97,7 @@ def turned(scene, rotation):
         dirichlet=tuple(
             c if isinstance(c, SymmetryPlane) else _turned_condition(c, rotation) for c in scene.dirichlet
         ),
-        contact=tuple(
-            replace(p, direction=None if p.direction is None else turn(p.direction)) for p in scene.contact
-        ),
+        contact=tuple(map(turn_pair, scene.contact)),
         tractions=tuple(map(turn_load, scene.tractions)),
         body_forces=tuple(replace(f, value=turn(f.value)) for f in scene.body_forces),
         contact_centre=scene.contact_centre and turn(scene.contact_centre),
@@ -79,13 +106,13 @@ def turned(scene, rotation):
 
 def swapped(scene):
     """The scene with first and second surface of every contact pair exchanged: the same forces."""
-    return replace(
-        scene,
-        contact=tuple(
-            ContactPair(pair.second, pair.first, None if pair.direction is None else tuple(-np.array(pair.direction)))
-            for pair in scene.contact
-        ),
-    )
+    return replace(scene, contact=tuple(pair.reversed() for pair in scene.contact))
+
+
+def _changed(second, kinds, change):
+    """An obstacle with those of its entries changed that some kinds name; the name of a surface remains."""
+    names = [kind[type(second)] for kind in kinds if type(second) in kind]
+    return replace(second, **{name: change(getattr(second, name)) for name in names}) if names else second
 
 
 def _turned_condition(condition, rotation):
