@@ -4,7 +4,7 @@ At each node friction is at most its bound, nodes below it stick, others slip al
 and no work is gained.  A fifth of the paths have a twin, turned, in other units or with surfaces exchanged, with the
 same forces.
 
-    python3 -m studies.stability.friction              # all: under half an hour on one core
+    python3 -m studies.stability.friction              # all: a quarter of an hour on one core
     python3 -m studies.stability.friction --quick      # one path of each family
     python3 -m studies.stability.friction --only NAME  # one path, with all its checks
 
