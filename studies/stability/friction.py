@@ -171,7 +171,9 @@ def twin_of(path, number):
     """Function of a scene that gives its twin and the matrix of its forces; None: the path has none."""
     if number % TWINS:
         return None
-    ways = (turned, in_other_units) if path.kind == "obstacle" else (turned, in_other_units, exchanged)
+    # Tresca's bounds are of the areas of nodes on the first surface.
+    one_sided = path.kind == "obstacle" or "Tresca" in path.how
+    ways = (turned, in_other_units) if one_sided else (turned, in_other_units, exchanged)
     return ways[number // TWINS % len(ways)]
 
 
