@@ -271,7 +271,8 @@ def main():
             one = score(path, number)
             keep(kept, one)
             print(line(one), flush=True)
-    scores = [one for name, one in read(kept).items() if name in chosen]
+    known = read(kept)
+    scores = [known[name] for name in chosen if name in known]
     made_by = "python3 -m studies.stability.friction" + " --quick" * arguments.quick
     tables.write(arguments.output / "friction.csv", list(rows(scores)), made_by)
     solves = [one for score in scores for one in score.get("all solves", ())]
