@@ -85,9 +85,8 @@ class StepStart:
     @property
     def history_displacement(self) -> FloatArray | None:
         """Displacement (owned, 3) [m] of the point before in a load path of increments; None: the first.  Local."""
-        if HISTORY not in self.fields:
-            return None
-        return self.prolongation.injected(self.fields.at_nodes(self.prolongation.space, HISTORY))
+        space, known = self.prolongation.space, HISTORY in self.fields
+        return self.prolongation.injected(self.fields.at_nodes(space, HISTORY)) if known else None
 
 
 class _Discrete(NamedTuple):
@@ -235,9 +234,8 @@ def _assess(
     state, duals = _estimate(settings, start, discrete, solution, system, stages)
     _check_solver(state, tolerance)
     residual = _checked_residual(state, discrete)
-    warnings = [*warnings_of_state(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
-    if HISTORY not in start.fields:  # a last increment may have no load
-        warnings = load_warnings(state.scene) + warnings
+    warnings = load_warnings(state.scene) if HISTORY not in start.fields else []  # a last increment may have none
+    warnings += [*warnings_of_state(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
     check_model_warnings(warnings, settings.allow)
     figures = figures_of_contact(state.scene, state.rows, solution, comm)
     resultants = sum_up(state, residual, discrete.load_totals, np.array(figures.contact_centre))

@@ -31,8 +31,8 @@ from fx_contact.verdict.model_warning import LARGE, MISSED, ModelWarning, Point
 
 #: Limit of the sliding of closed rows, relative to the radius of the contact [-].
 SLIDING = 0.1
-#: Limit of the tangential forces of nodes that close in a load step, relative to the normal force of their contact.  Of
-#: a ball on a rigid plane, mu 0.3 to 1, they are STEP (`studies.cost.friction`) [-].
+#: Limit of the tangential forces of nodes that close in a load step, relative to the normal force of their contact: a
+#: ball on a rigid plane has less from four load steps on (`studies.goals.load_steps`) [-].
 LOAD_STEP = 0.05
 #: Limit of the initial overlap, relative to the thinner of the two bodies: as much strain as `LARGE` [-].
 INITIAL_OVERLAP = 0.05
