@@ -40,8 +40,8 @@ def contact_force(step, number=0):
     return np.array(resultant(step, number=number).force)
 
 
-def check_law(step):
-    """|t| <= mu p, slip along the force, stick elsewhere, in each contact; balance is in each step."""
+def check_law(step, accuracy=1e-6):
+    """|t| <= mu p, slip along the force, stick elsewhere, in each contact; accuracy: relative to the largest force."""
     rows, solution, pairs = step.solution.rows, step.solution, step.scene.contact
     scale = largest(solution.row_force[rows.role == Role.NORMAL])
     closed = np.zeros_like(solution.active)
@@ -50,8 +50,8 @@ def check_law(step):
         force, slip = (np.stack([of[t] for t in tangents], axis=1) for of in (solution.row_force, solution.slip))
         bound, slips = law.coefficient * solution.row_force[normal], solution.slipping[normal]
         size, length = (np.linalg.norm(values, axis=1) for values in (force, slip))
-        everywhere((size <= bound + 1e-6 * scale).all(), "more than the bound")
-        everywhere((np.abs(size - bound)[slips] <= 1e-6 * scale).all(), "slips below the bound")
+        everywhere((size <= bound + accuracy * scale).all(), "more than the bound")
+        everywhere((np.abs(size - bound)[slips] <= accuracy * scale).all(), "slips below the bound")
         everywhere(np.abs(slip[~slips]).max(initial=0.0) < 1e-9, "moves where it sticks")
         along = np.einsum("ni,ni->n", force, slip)
         everywhere((along >= (1 - 1e-3) * size * length - 1e-9 * scale)[slips].all(), "another direction")

@@ -1,4 +1,4 @@
-"""Friction against exact solutions: press fits, belts, Cattaneo and Mindlin's balls and cylinders, flat punches."""
+"""Friction against exact solutions: press fits and belts."""
 
 import numpy as np
 import pytest
@@ -9,9 +9,13 @@ from fx_contact import (
     ContactPair,
     Dirichlet,
     Material,
+    RigidCylinder,
     Scene,
     SolveError,
+    Solver,
+    SymmetryPlane,
     Traction,
+    adapt,
     increments,
     ring,
     root_mesh_from_shapes,
@@ -120,3 +124,35 @@ def test_pull_out(torque):
     force, moment = carried.force[2] / PULL, carried.moment[2] / (PULL * JOINT)
     assert force > 0 and np.hypot(force, moment) == pytest.approx(1.0, rel=ROUND)
     assert moment == pytest.approx(torque, abs=6 * ROUND)
+
+
+# ------------------------------------------------------------------------------------------------------------- belts
+
+THICKNESS, AROUND = 0.02, 96
+
+
+def belt(mu):
+    """A slice of a belt on a quarter of a rigid drum, held at one end, with a tension at the other."""
+    shape = ring(1.0, 1 + THICKNESS, np.pi / 2 / AROUND, (1, AROUND, 1), 2, quarters=1)
+    drum = RigidCylinder((0, 0, 0), (0, 0, 1), 1.0)
+    held = [SymmetryPlane(f"belt {side}") for side in ("x = 0", "bottom", "top")]
+    pair, load = ContactPair("belt inside", drum, friction=mu), Traction("belt y = 0", (0.0, -1e-4, 0.0))
+    return Scene("belt", root_mesh_from_shapes({"belt": shape}), {"belt": Material(1.0, 0.0)}, held, pair, load)
+
+
+def tension_ratio(mu):
+    """exp(lambda phi) on 90 degrees, with friction at the inner side: lambda (1 + mu lambda e) = mu (1 - e)."""
+    e = THICKNESS / (2 + THICKNESS)
+    return np.exp((np.sqrt(1 + 4 * mu**2 * e * (1 - e)) - 1) / (2 * mu * e) * np.pi / 2)
+
+
+@pytest.mark.ranks(1, 2, 3)
+@pytest.mark.parametrize("mu, right", [(0.2, 1.36469), (0.5, 2.17217)])
+def test_belt_on_a_drum(mu, right):
+    """The held end cannot slip: there the tension is constant over half of a node spacing."""
+    assert tension_ratio(mu) == pytest.approx(right, abs=1e-5)
+    step = next(adapt(belt(mu), 0.9, geometry_order=2, solver=Solver(tolerance=1e-10)))
+    slipping, sticking = check_law(step)
+    assert 0 < sticking <= 3 < slipping and step.record.active_pairs == slipping + sticking
+    ratio = resultant(step, "traction").force[1] / resultant(step, "symmetry").force[0]
+    assert ratio == pytest.approx(right, rel=mu * np.pi / 2 / AROUND / 4)
