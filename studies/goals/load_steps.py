@@ -32,7 +32,15 @@ def measured():
             record = list(increments(lambda part: pressed(part, mu), parts, 0.05, **how))[-1].record.record
             warned = [doubt.value for doubt in record.doubts if doubt.kind == "load step"]
             sticks = record.sticking_pairs / record.active_pairs
-            rows.append({"mu": mu, "steps": steps, "force": record.force, "sticks": sticks, "warned": warned[0] if warned else ""})
+            rows.append(
+                {
+                    "mu": mu,
+                    "steps": steps,
+                    "force": record.force,
+                    "sticks": sticks,
+                    "warned": warned[0] if warned else "",
+                }
+            )
         for row in rows:
             yield row | {"force": row["force"] / rows[-1]["force"] - 1}
 

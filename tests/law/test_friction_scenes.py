@@ -171,8 +171,12 @@ def test_a_body_in_a_bevelled_corner(friction):
         assert normal > 0 and (0 < shear <= mu * normal * (1 + SOLVED) if mu else shear < SOLVED * normal)
 
 
-@pytest.mark.xfail(raises=SolveError, strict=True, reason="a tangent of one contact is the normal of the other")
-@pytest.mark.parametrize("cells", [(1, 2, 1), (2, 3, 2)], ids=["pairs", "mortar"])
+APART = pytest.mark.xfail(
+    raises=SolveError, strict=True, reason="rows beside the edge of surfaces meshed apart cycle"
+)
+
+
+@pytest.mark.parametrize("cells", [(1, 2, 1), pytest.param((2, 3, 2), marks=APART)], ids=["pairs", "mortar"])
 def test_two_contacts_with_a_common_edge(cells):
     """A node of the edge has a normal of one contact along a tangent of the other."""
     check_law(next(adapt(corner((0.2, 0.2), cells, 0.0), 0.9, degree=1)))

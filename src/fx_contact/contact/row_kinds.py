@@ -149,9 +149,10 @@ def _not_yielding(rows: ConstraintRows, some: IntArray, axes: FloatArray) -> Flo
     """Tangents (m, 2, 3) of normals (m,) among rows, turned so that each yields or not; those that do are 0.
 
     Collective.  On surfaces meshed apart they yield to the constraints before them, else to conditions on both sides:
-    the normal of a node on a plane of symmetry may be oblique to it, and its tangents are not.
+    the normal of a node on a plane of symmetry may be oblique to it, and its tangents are not.  At a common edge they
+    yield to the normals of other contacts, whose forces would not be unique beside friction along them.
     """
-    axes = axes.copy()
+    axes, prolongation = axes.copy(), rows.prolongation
     for kind in rows.kinds:
         if kind.contact.tangential is not None:
             ours = rows.contact[some] == kind.index
@@ -159,6 +160,9 @@ def _not_yielding(rows: ConstraintRows, some: IntArray, axes: FloatArray) -> Flo
                 held = Precedence(kind.scene, rows.prolongation, kind.index).held[rows.first[some[ours]]]
             else:
                 held = held_jumps(kind.scene, rows)[some[ours]]
+            others, across = (rows.role == Role.NORMAL) & (rows.contact != kind.index), prolongation.zeros(9)
+            np.add.at(across, rows.first[others], np.einsum("ni,nj->nij", *[rows.normal[others]] * 2).reshape(-1, 9))
+            held = held + prolongation.ghosted(prolongation.summed(across))[rows.first[some[ours]]].reshape(-1, 3, 3)
             share, turn = np.linalg.eigh(axes[ours] @ held @ axes[ours].swapaxes(1, 2))
             kept = (share <= 1 - SMOOTH**2)[:, :, None]
             axes[ours] = np.where(kept, turn.swapaxes(1, 2) @ axes[ours], 0.0)

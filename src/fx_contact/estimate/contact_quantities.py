@@ -12,7 +12,7 @@ from fx_contact.estimate.quantities import Quantity, listed, set_vectors
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.items.contact import Contact
 from fx_contact.items.friction import Friction
-from fx_contact.law.contact_solver import tangential_vectors
+from fx_contact.law.tangents import tangential_vectors
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_direction, check_name

@@ -15,6 +15,7 @@ from fx_contact.contact.row_motions import RowMotions
 from fx_contact.law.active_set import solve_law
 from fx_contact.law.initial_guess import move_bodies, relax
 from fx_contact.law.settling import settle
+from fx_contact.law.tangents import tangential_vectors
 from fx_contact.law.unilateral import Unilateral
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.stopping import ROUNDING
@@ -86,16 +87,6 @@ def _tractions(rows: ConstraintRows, force: FloatArray, pressure: FloatArray) ->
     closed = (force[normal] > 0) & (pressure > 0)
     per_area = np.divide(pressure, force[normal], out=1 / rows.area[normal], where=closed)
     return per_area[:, None] * tangential_vectors(rows, force)
-
-
-def tangential_vectors(rows: ConstraintRows, values: FloatArray) -> FloatArray:
-    """Vectors (n, 3) at the n normals by values of all rows as components along their tangents; 0 without.  Local."""
-    normal, tangent = rows.role == Role.NORMAL, rows.role == Role.TANGENT
-    result, some = np.zeros((np.count_nonzero(normal), 3)), np.isin(rows.contact[normal], rows.contact[tangent])
-    for axis in (1, 2):
-        ours = tangent & (rows.axis == axis)
-        result[some] += values[ours, None] * rows.normal[ours]
-    return result
 
 
 def solve_contact(

@@ -68,3 +68,13 @@ class TangentialStatus(ABC):
         """(n,), our tangents in frames with closed normals among all rows (n,)."""
         frame = self.rows.key & ~3
         return self.ours & np.isin(frame, frame[active & (self.rows.role == Role.NORMAL)])
+
+
+def tangential_vectors(rows: ConstraintRows, values: FloatArray) -> FloatArray:
+    """Vectors (n, 3) at the n normals by values of all rows as components along their tangents; 0 without.  Local."""
+    normal, tangent = rows.role == Role.NORMAL, rows.role == Role.TANGENT
+    result, some = np.zeros((np.count_nonzero(normal), 3)), np.isin(rows.contact[normal], rows.contact[tangent])
+    for axis in (1, 2):
+        ours = tangent & (rows.axis == axis)
+        result[some] += values[ours, None] * rows.normal[ours]
+    return result

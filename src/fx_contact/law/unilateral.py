@@ -19,6 +19,7 @@ from fx_contact.contact.contact_problem import History
 from fx_contact.contact.contact_system import Springs
 from fx_contact.contact.row_motions import RowMotions
 from fx_contact.law.tangential import tangential_status
+from fx_contact.law.tangents import tangential_vectors
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.scene.scene import Scene
@@ -150,11 +151,12 @@ class Unilateral:
         sums: FloatArray = np.zeros(3)
         for tangents in self._tangents:
             sums += tangents.update(force, jump, self.active, noise)
-        sums = np.concatenate([sums, rows.symmetry * force[tangent] @ rows.normal[tangent]])
+        lengths = np.linalg.norm(tangential_vectors(rows, np.where(tangent, force, 0.0)), axis=1)
+        sums = np.append(sums, rows.symmetry * lengths.sum())
         self._comm.Allreduce(MPI.IN_PLACE, sums)
         self._slides += 1
         if self._slides == 1:
-            self._needed, self._carried = float(np.linalg.norm(sums[3:])), float(rows.symmetry * sums[2])
+            self._needed, self._carried = float(sums[3]), float(rows.symmetry * sums[2])
         changes = bool(sums[0] > 0 or sums[1] > noise**2)
         if changes and self._slides >= self._MOST_SLIDES:
             slides = f"; {self._sliding()}: unless something else holds it, a body slides"

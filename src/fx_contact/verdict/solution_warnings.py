@@ -23,7 +23,7 @@ from fx_contact.geometry import hexahedron
 from fx_contact.geometry.lattice import SIDE
 from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.items.boundary_conditions import BodyForce
-from fx_contact.law.contact_solver import tangential_vectors
+from fx_contact.law.tangents import tangential_vectors
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
 from fx_contact.scene.scene import Scene
