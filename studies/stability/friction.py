@@ -81,7 +81,8 @@ class Friction:
         laws = [pair.tangential for pair in self.scene.contact]
         known = [(law.bound, 0.0) if isinstance(law, Tresca) else (0.0, law and law.coefficient) for law in laws]
         traction, coefficient = np.array(known, dtype=np.float64)[rows.contact[normal]].T
-        return traction * rows.area[normal] + coefficient * np.maximum(self.normal, 0.0)
+        pressed = np.maximum(self.normal, 0.0)
+        return np.where(traction > 0, np.minimum(traction * rows.area[normal], pressed), coefficient * pressed)
 
     def _history(self, rows):
         """B u of the load step before (n,) [m]."""
