@@ -135,18 +135,18 @@ def test_cylinders():
 
 
 def test_balls():
-    """Cattaneo and Mindlin at nu = 0, where they are exact: stick zone, tractions, compliance, and the work of a cycle.
+    """Cattaneo and Mindlin at nu = 0, where they are exact: stick zone, tractions, compliance.
 
-    Nodes have an eighth of the contact radius as distance.  At q = 0.9 the work changes by 5.5 % with 1 % of q.
+    Nodes have an eighth of the contact radius as distance.
     """
     a = 0.025
     x, z = graded(a / 4 * np.arange(6), 0.5, 5), graded(a / 4 * np.arange(3), 0.5, 5)
-    scene, shifts = round_bodies(x, x, z, 0.0), (0.0, 1.6e-4, 3.2e-4, -3.2e-4, 3.2e-4)
+    scene, shifts = round_bodies(x, x, z, 0.0), (0.0, 1.6e-4, 3.2e-4)
     found = [Fretting(point.step) for point in increments(lambda s: scene(2.1 * a**2, s), shifts, 0.9)]
     press, compliance = found[0].press, 2 * 2 / 0.5
     radius = (0.75 * press) ** (1 / 3)
     secants = []
-    for one, shift in zip(found[1:3], shifts[1:]):
+    for one, shift in zip(found[1:], shifts[1:]):
         stick = radius * (1 - one.shear) ** (1 / 3)
         one.check_stick_zone(stick, a / 8)
         one.check_tractions(radius, stick, 0.1)
@@ -155,11 +155,6 @@ def test_balls():
     # Beside the slip there is the elasticity of the bodies, in proportion to q.
     (soft, right_soft), (softer, right_softer) = secants
     assert softer - soft == pytest.approx(right_softer - right_soft, rel=0.02)
-    q = found[2].shear
-    assert found[4].shear == pytest.approx(q, rel=1e-5) and found[3].shear == pytest.approx(-q, rel=1e-5)
-    factor = 1 - (1 - q) ** (5 / 3) - 5 * q / 6 * (1 + (1 - q) ** (2 / 3))
-    right = 0.9 * (MU * press) ** 2 / radius * compliance * factor
-    assert found[3].work + found[4].work == pytest.approx(right, rel=0.02)
 
 
 # -------------------------------------------------------------------------------------------------------- flat punch
