@@ -241,3 +241,13 @@ def test_unloaded_in_the_end():
 
     *_, point = increments(pressed, (1e-2, 0.0), 0.9, degree=1, max_steps=1)
     assert point.record.record.force < 1e-12 and point.record.begun == "before"
+
+
+@pytest.mark.ranks(1)
+@pytest.mark.parametrize("mu, poisson, solves, iterations", [(0.6, 0.3, 12, 45), (1.0, 0.0, 17, 60)])
+def test_linear_solves_of_a_load_step(mu, poisson, solves, iterations):
+    """With one tight tolerance there are 64 and 96 iterations, without acceleration 9 and 19 solves."""
+    materials = {"ball": Material(1.0, poisson)}
+    path = increments(lambda s: replace(fretting(mu, s), materials=materials), (0.0, 2e-3), 0.05, max_steps=2)
+    found = list(path)[-1].record.record.krylov_iterations
+    assert len(found) <= solves and sum(found) <= iterations, found

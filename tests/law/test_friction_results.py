@@ -17,8 +17,8 @@ from fx_contact.results import contact_grid
 pytestmark = pytest.mark.ranks(1, 2)
 
 
-def path(second="base top", shifts=(0.0, 2e-3), **options):
-    """A ball pressed on a stiff block, meshed apart, or on a plane, and moved along it."""
+def path(second=None, shifts=(0.0, 2e-3), **options):
+    """A ball pressed on a plane, or on a stiff block meshed apart, and moved along it."""
     second = fretting(MU, 0.0).contact[0].second if second is None else second
     options = {"degree": 1, "max_steps": 2} | options
     return increments(lambda shift: fretting(MU, shift, second), shifts, 0.2, **options)
@@ -34,7 +34,7 @@ def last(*arguments, **options):
 @pytest.mark.parametrize("degree", [1, 2])
 def test_tractions(degree):
     """|t| = mu p where nodes slip, less where they stick; their integral is the force; slip is along the force."""
-    step = last(degree=degree)
+    step = last("base top" if degree == 1 else None, degree=degree)
     table, scale = step.contact, step.record.max_pressure
     size, slips = np.linalg.norm(table.traction, axis=1), table.slipping
     everywhere(np.abs(size - MU * table.pressure)[slips].max(initial=0.0) < 1e-6 * scale, "not the bound")
