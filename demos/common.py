@@ -4,7 +4,7 @@ import argparse
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from difflib import get_close_matches
@@ -46,10 +46,14 @@ from fx_contact import (  # noqa: E402
     Enforcement,
     ErrorControl,
     FxContactError,
+    LoadPath,
     Scene,
+    SceneError,
     Solver,
     Step,
     StepRecord,
+    SweepPoint,
+    SweepRecord,
 )
 from fx_contact.adaptive.settings import DEGREE, check_tolerance  # noqa: E402
 from fx_contact.adaptive.step_record import TrueError  # noqa: E402
@@ -180,6 +184,18 @@ def settings(given: argparse.Namespace, scene: Scene) -> dict[str, Any]:
     }
 
 
+def path_settings(given: argparse.Namespace, scene: Scene) -> dict[str, Any]:
+    """Keyword arguments of `increments` from a command line: as `settings`, with the checkpoint as folder.
+
+    Collective on COMM.  Raises SceneError as `settings`, and for `--true-error`, which neglects history.
+    """
+    if given.true_error is not None:
+        raise SceneError("--true-error is for single scenes: the results of a load path depend on its history")
+    options = settings(argparse.Namespace(**vars(given) | {"checkpoint": None, "restart": False}), scene)
+    del options["checkpoint"], options["restart"]
+    return options | {"folder": given.checkpoint, "restart": given.restart}
+
+
 @contextmanager
 def plain_errors(comm: MPI.Comm) -> Iterator[None]:
     """Errors of the package end the program with one line and exit code 1; any other aborts all ranks."""
@@ -194,34 +210,41 @@ def plain_errors(comm: MPI.Comm) -> Iterator[None]:
         comm.Abort(1)
 
 
+def _record(record: StepRecord | SweepRecord) -> StepRecord:
+    """A record of the table; in that of a load path `step` is the load step."""
+    return replace(record.record, step=record.point) if isinstance(record, SweepRecord) else record
+
+
 class Report:
-    """The table of steps on the screen, and the records on disk.
+    """The table of steps on the screen, and the records on disk; of a load path the last steps of its points.
 
     Collective on COMM, and so are its methods.
 
     Args:
         given: parsed command line.
-        before: Checkpoint to restart from, with the first records of the table.
+        before: Checkpoint to restart from, or load path, with the first records of the table.
     """
 
-    def __init__(self, given: argparse.Namespace, before: Checkpoint | None) -> None:
-        self._given, self._steps = given, list(before.records) if before else []
+    def __init__(self, given: argparse.Namespace, before: Checkpoint | LoadPath | None) -> None:
+        self._given, self._steps = given, [_record(one) for one in before.records] if before else []
         self._show = _voice(given.quiet)[0]
         self._file = RecordWriter(given.output, COMM, self._steps)
         self._show("\n".join([table_head(), *map(table_row, self._steps)]))
 
-    def add(self, step: Step) -> None:
-        """Show and write the record of a step."""
-        if step.record.step == len(self._steps):  # else the last one once more, with its fields
-            self._file.write(step.record)
-            self._steps.append(step.record)
-            self._show(table_row(step.record))
+    def add(self, step: Step | SweepPoint) -> None:
+        """Show and write the record of a step, or of a point."""
+        record = _record(step.record)
+        if record.step == len(self._steps):  # else the last one once more, with its fields
+            self._file.write(record)
+            self._steps.append(record)
+            self._show(table_row(record))
 
     def end(
         self,
-        step: Step,
+        step: Step | SweepPoint,
         pictures: str,
         *,
+        lines: Sequence[str] = (),
         hertz: Hertz | None = None,
         errors: dict[str, float] | None = None,
         true: TrueError | None = None,
@@ -229,24 +252,27 @@ class Report:
         """Complete the record of the last step, and print the result.
 
         Args:
-            step: the last one.
+            step: the last one, or point.
             pictures: names of their files.
+            lines: below the table.
             hertz: solution to compare with.
             errors: relative deviations from known values by name.
             true: against a solution on a finer mesh.
         """
-        record, files = step.record, "steps.jsonl"
+        record, files = _record(step.record), "steps.jsonl"
+        known = record == self._steps[-1]
+        stages = step.step.stages if isinstance(step, SweepPoint) else step.stages
         if not self._given.records_only:
             ending = "vtu" if COMM.size == 1 else "pvtu"
             files += f", bodies.{ending}, contact.{ending}, {pictures}"
-            record = replace(record, **step.stages.costs(COMM))
+            record = replace(record, **stages.costs(COMM))
         if true:
             record = replace(record, true_error=true, effectivity=record.estimate / true.relative)
         record = replace(record, errors=errors)
-        if step.record is self._steps[-1]:  # else it is of the run before a restart
+        if known:  # else it is of the run before a restart
             self._file.write(record)
         self._show(total_seconds([r.seconds for r in [*self._steps[:-1], record]]))
-        for line in _summary(self._given, record, hertz):
+        for line in [*lines, *_summary(self._given, record, hertz)]:
             self._show(line)
         self._show(f"results in {self._given.output}: {files}")
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 from conftest import WORLD, outside
 
 DEMOS = Path(__file__).parents[2] / "demos"
@@ -60,6 +61,26 @@ def test_rigid_stamp_is_sneddon(tmp_path, options):
     """On a block 30 times as wide and high as the stamp, the force is that on a half-space."""
     record = last_record("rigid_stamp", tmp_path, *options)
     assert record["reached"] and 0 < record["errors"]["force"] < 0.04
+
+
+def test_fretting_is_mindlin(tmp_path):
+    """Half a dozen nodes a radius: the stick radius to a third of their distance."""
+    errors = last_record("fretting", tmp_path)["errors"]
+    assert abs(errors["stick_radius"]) < 0.05 and abs(errors["displacement"]) < 0.02
+    assert abs(errors["work_of_friction"]) < 0.1
+
+
+def test_work_of_friction_is_the_area_of_the_loop(monkeypatch):
+    """Mindlin's curve of unloading is that of loading, twice as large; a quarter of the area is of first loading."""
+    monkeypatch.syspath_prepend(DEMOS)
+    from mindlin_solution import Hertz, Material, Mindlin
+
+    def at(shear):
+        return Mindlin(Hertz(0.5, 0.5, 1.0), shear, 0.5, Material(1.0, 0.2))
+
+    q = 0.4
+    area = 2 * scipy.integrate.quad(lambda shear: at(q).displacement - 2 * at((q - shear) / 2).displacement, -q, q)[0]
+    assert at(q).dissipated_energy == pytest.approx(abs(area) / 4, rel=1e-8)
 
 
 def test_step_part_is_in_balance(tmp_path, monkeypatch):

@@ -28,11 +28,13 @@ pytestmark = pytest.mark.skipif(WORLD.size > 1, reason="each command starts its 
 
 #: Programs that are not where the tests run, or that change the machine.
 ELSEWHERE = "docker|apptainer|singularity|srun|sbatch|conda|pip|sudo|apt-get|apt|git|cd|export"
+#: Demos with shapes of their own.
+SHAPES = r"demos/(crossed_cylinders|fretting|shaft_in_bore|rigid_stamp|roller_on_block)\.py"
 #: What is run, without the launcher.
 RUN = (
     r"bash|jupyter notebook .*|(env .+ )?python3 notebooks/execute\.py .*|(mpirun -n \d )?python3 -m pytest .*"
     r"|(mpirun -n \d )?python3 demos/(hertz|indentation|patch|manufactured)\.py.*"
-    r"|mpirun -n \d python3 demos/(crossed_cylinders|shaft_in_bore|rigid_stamp|roller_on_block)\.py.*"
+    rf"|mpirun -n \d python3 {SHAPES}.*"
     r"|(mpirun (--oversubscribe )?-n \d+ )?python3 -m studies\.\w+\.\w+.*"
     r"|(mpirun -n \d )?python3 -m fx_contact info"
 )
@@ -42,7 +44,7 @@ SKIPPED = {
     r"docs/build": "it needs a root of its own",
     r"(mpirun -n \d )?python3 demos/own_gmsh_model\.py": "test_ready_scenes runs it",
     r"(mpirun -n \d )?python3 demos/step_part\.py": "test_own_shapes runs it",
-    r"python3 demos/(crossed_cylinders|shaft_in_bore|rigid_stamp|roller_on_block)\.py.*": "test_own_shapes runs it",
+    rf"python3 {SHAPES}.*": "test_own_shapes runs it",
     r"python3 -m fx_contact( run .*)?": "test_command does it",
     r"COMMAND|python3 program\.py|python3 -m mpi4py": "it stands for a user's own",
     r"python3 -m flake8 .*": "tests/run begins with it",
