@@ -20,7 +20,7 @@ from matplotlib.image import imread
 from PIL import Image
 
 from fx_contact import Material, adapt, block, root_mesh_from_shapes, solve
-from fx_contact.plot import draw_bodies, draw_mesh, draw_pressure, plotter_for
+from fx_contact.plot import draw_bodies, draw_contact, draw_mesh, draw_pressure, plotter_for
 from fx_contact.plot.surfaces import contact_size
 from fx_contact.results import true_error
 from fx_contact.results.reference_values import hertz_a
@@ -126,6 +126,19 @@ def loop(folder, quick):
     first.save(folder / "loop.gif", save_all=True, append_images=others, duration=1500, loop=0)
 
 
+def fretting(folder, _quick):
+    """The bodies of the page of examples, and stick and slip on the ball, side by side."""
+    step, strip = example("fretting"), Image.new("RGB", (1280, 480))
+    for place, draw in (
+        (0, partial(draw_bodies, step, None, "stress", factor=5, zoom=1.2, top=4000)),
+        (640, partial(draw_contact, step, None, "status", zoom=1.3)),
+    ):
+        with plotter_for(folder / "scene_fretting.png", 640, 480) as plotter:
+            draw(plotter=plotter)
+        strip.paste(Image.open(folder / "scene_fretting.png"), (place, 0))
+    strip.save(folder / "scene_fretting.png", optimize=True)
+
+
 def pressure(folder, quick):
     """Contact pressure of half-spheres over the radius, against the axisymmetric computation."""
     step = solve(hertz(coarse=2, order=6), 0.3 if quick else 0.01)
@@ -158,7 +171,7 @@ def geometry(folder, quick):
 def main():
     """Parse and draw."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    others = {draw.__name__: draw for draw in (contact, loop, pressure, geometry)}
+    others = {draw.__name__: draw for draw in (contact, loop, fretting, pressure, geometry)}
     names = [*others, *SCENES]
     options.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME", help=", ".join(names))
     options.add_argument("--quick", action="store_true", help="coarse: do they still come out?")

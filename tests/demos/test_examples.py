@@ -52,8 +52,8 @@ def test_pages(name):
 
 
 def test_list():
-    """All six."""
-    assert len(NAMES) == 6
+    """All seven."""
+    assert len(NAMES) == 7
 
 
 @serial
@@ -111,6 +111,15 @@ def test_rubber_seal(tmp_path):
     found, _ = result("rubber_seal", tmp_path)
     assert found["step"].record.reached
     assert abs(found["ratio"] - 1) < 0.02
+
+
+@serial
+def test_fretting(tmp_path):
+    """The stick radius is Cattaneo's to half the distance of nodes, also before the ball moves, when all sticks."""
+    found, lines = result("fretting", tmp_path)
+    shear, radius, cattaneo = np.array(lines).T
+    assert found["step"].record.reached and shear[:2] == pytest.approx(0, abs=1e-3) and 0 < shear[2] < 1
+    assert radius == pytest.approx(cattaneo, abs=0.05)
 
 
 @serial
