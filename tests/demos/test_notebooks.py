@@ -15,6 +15,7 @@ PICTURES = {
     "adaptive_loop": 4,
     "force_against_approach": 1,
     "hertz_in_five_minutes": 4,
+    "hysteresis_loop": 2,
     "own_part": 1,
     "reading_work_precision": 1,
     "two_parts_meshed_apart": 3,
@@ -85,4 +86,4 @@ def test_both_files_say_the_same(name):
 
 def test_all_are_known():
     """No notebook without its number of pictures."""
-    assert NAMES == sorted(PICTURES) and len(NAMES) == 7
+    assert NAMES == sorted(PICTURES) and len(NAMES) == 8
