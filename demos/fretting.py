@@ -6,7 +6,7 @@ Half-balls are pressed together, then the upper one is moved along y: mpirun -n 
 import argparse
 
 from common import COMM, Report, parse, parser, path_settings, plain_errors
-from mindlin_solution import Mindlin, compared, draw_traction, table_of
+from mindlin_solution import Mindlin, compared, deviations, draw_traction, table_of
 
 from fx_contact import (
     CheckpointError,
@@ -77,8 +77,7 @@ def main(given: argparse.Namespace) -> None:
             draw_contact(point.step, given.output / "status.png", "status")
             known = Mindlin.of(point.step.record, given.friction, material)
             draw_traction(point.step, known, given.output / "traction.png")
-    errors = {name: found / known - 1 for name, (found, known) in [*rows[-1].items()][1:]}
-    report.end(point, "status.png, traction.png", errors=errors, lines=[*table_of(rows)])
+    report.end(point, "status.png, traction.png", errors=deviations(rows[-1]), lines=[*table_of(rows)])
 
 
 if __name__ == "__main__":

@@ -107,7 +107,14 @@ def table_of(rows: Iterable[Pairs]) -> Iterable[str]:
     yield f"{'':11}" + f"{'found':>14}{'Mindlin':>10}" * 3
     for row in rows:
         (shear, bound), *others = row.values()
-        yield f"{shear / bound:11.4f}" + "".join(f"{found:14.4g}{known:10.4g}" for found, known in others)
+        values = "".join(f"{found:14.4g}{known:10.4g}" for found, known in others)
+        yield f"{shear / bound:11.4f}{values if row['stick_radius'][0] else '  slides as a whole'}"
+
+
+def deviations(row: Pairs) -> dict[str, float] | None:
+    """Relative deviations from the solution; None: the ball slides, and there is no solution."""
+    names = ("stick_radius", "displacement", "work_of_friction") if row["stick_radius"][0] else ()
+    return {name: row[name][0] / row[name][1] - 1 for name in names} or None
 
 
 def draw_traction(step: Step, known: Mindlin, path: Path) -> None:
