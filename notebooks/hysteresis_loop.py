@@ -68,11 +68,11 @@ from fx_contact.plot import draw_contact
 path = increments(moved, (1, 2, 3, 4, 6), tolerance=0.1)
 pictures = []
 for point in path:
-    record = point.step.record
-    shear = record.resultants[0].force[1]
-    print(f"time {point.value:g}: displacement {displacement(point.value):6.3f}")
-    print(f"    P {record.force:.4e}, Q {shear:11.4e}, {record.sticking_pairs} nodes stick")
-    print(f"    {record.slipping_pairs} slip, dissipated {point.record.dissipated_energy:.3e}")
+    record, work = point.step.record, point.record.dissipated_energy
+    shear, stick = record.resultants[0].force[1], record.sticking_pairs
+    print(f"time {point.value:g}: displacement {displacement(point.value):g}")
+    print(f"    P {record.force:.4e}, Q {shear:.4e}, dissipated {work:.3e}")
+    print(f"    {stick} nodes stick, {record.slipping_pairs} slip")
     file = f"../results/notebooks/status_{point.value:g}.png"
     pictures.append(draw_contact(point.step, file, "status"))
 
@@ -109,7 +109,8 @@ force = records[1].force
 q = np.array([one.resultants[0].force[1] for one in records]) / (mu * force)
 there = [displacement(one.value) for one in path.records]
 radius = Hertz.of_equal_spheres(1.0, material, force).contact_radius
-compliance = 2 * (2 - material.poisson) / (0.5 * material.young / (1 + material.poisson))
+nu, modulus = material.poisson, material.young / (2 * (1 + material.poisson))
+compliance = 2 * (2 - nu) / modulus
 scale = 3 * mu * force / (16 * radius) * compliance
 
 
