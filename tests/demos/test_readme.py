@@ -77,8 +77,10 @@ SMALLER = (
 #: Studies that take minutes even in their smallest form, demos that differ in their options, tests;
 #: `test_notebooks` executes the notebooks.
 LONG = r"studies\.partition\.|studies\.(work_precision|incompressible)\.run|studies\.cost\."
-LONG += r"|studies\.stability\.(without|iterations)|studies\.goals\.(forces|rigid_twins|pressures)"
-LONG += r"|studies\.effectivity\.(stress|first_mesh|hertz_truth)|studies\.(nonmatching|layers)"
+LONG += (
+    r"|studies\.stability\.(without|iterations|friction)|studies\.goals\.(forces|rigid_twins|pressures|load_steps)"
+)
+LONG += r"|studies\.effectivity\.(stress|first_mesh|hertz_truth|friction)|studies\.(nonmatching|layers)"
 LONG += r"|notebooks/execute\.py|-m pytest|demos/.*--(degree|symmetry|order|partition|enforcement)"
 #: Programs that read their command line with argparse, and a module or file and the words after it.
 PARSED = r"(?:env \S+ )?(?:mpirun (?:--oversubscribe )?-n \d+ )?python3 (?:-m )?"

@@ -354,7 +354,7 @@ def test_no_goals_no_record():
     "make, words",
     [
         (lambda: "force", "must be a tuple"),
-        (lambda: ("force",), "must be one of ContactForce, Gap"),
+        (lambda: ("force",), "must be one of ContactForce, FrictionForce, Gap"),
         (lambda: (Reaction("x = 0", 0.1),), "unknown condition 'x = 0'"),  # a plane of symmetry
         (lambda: (Reaction("top", 0.1, (1, 0, 0)),), "is not held along"),
         (lambda: (Displacement((0, 0, 0), (0, 0, 1), 0.1),), "in 'lower' and 'upper': name"),

@@ -55,6 +55,7 @@ def test_pressure(axes):
         normal=np.tile([0.0, 0.0, 1.0], (3, 1)),
         pressure=np.array([8.0, 3.0, 0.0]),
         active=np.array([True, True, False]),
+        traction=None,
     )
     record = step_record(0, contact_centre=(1.0, 2.0, 3.0), contact_radius=0.6, dofs=1000, estimate=0.125)
     exact = SimpleNamespace(contact_radius=0.5, max_pressure=10.0, force=2.0, pressure=lambda r: 10.0 - 10 * r)
@@ -72,7 +73,8 @@ def test_pressure(axes):
 def test_pressure_of_one_pair(axes, active, radius):
     """Where no closed pair is away from the contact's centre all pairs are drawn."""
     points, normal = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), np.tile([0.0, 0.0, 1.0], (2, 1))
-    shown = SimpleNamespace(points=points, normal=normal, pressure=np.zeros(2), active=np.array([active, False]))
+    values = {"pressure": np.zeros(2), "active": np.array([active, False]), "traction": None}
+    shown = SimpleNamespace(points=points, normal=normal, **values)
     record = step_record(0, contact_centre=(0.0, 0.0, 0.0), contact_radius=radius, dofs=10, estimate=0.5)
     _draw_pressure(axes, shown, record, None)
     assert np.allclose(lines(axes)["contact nodes"], [(0, 0), (2, 0)])

@@ -34,7 +34,7 @@ class ContactTable:
         comm: of the ranks that have the rows, each row on one.
         traction: (n, 3), tangential, on the body that the normal points into; None: no friction [Pa].
         slip: (n, 3), of the other body on it in the load step, of closed nodes; None: no friction [m].
-        slipping: (n,), closed nodes that slip; None: no friction.
+        slipping: (n,), closed nodes that slip, or are of pairs without friction; None: no pair has friction.
     """
 
     points: FloatArray

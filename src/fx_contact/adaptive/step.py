@@ -172,7 +172,7 @@ class Step(SolvedState):
             comm=comm,
             traction=solution.traction,
             slip=None if solution.traction is None else solution.slip_vector,
-            slipping=None if solution.traction is None else solution.slipping,
+            slipping=None if solution.traction is None else solution.slides,
         )
 
     @property

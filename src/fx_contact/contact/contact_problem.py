@@ -72,7 +72,7 @@ class ContactProblem:
     scene: Scene | None = None
     coarse: CoarseLevel | None = None
     volume: VolumeTerm | None = None
-    before: History = field(default_factory=lambda: History())
+    before: History = field(default_factory=History)
     rows_at: Callable[[FloatArray], ConstraintRows] | None = None
     distances: FloatArray = field(default_factory=lambda: np.zeros(0))
     operator: Operator | None = None

@@ -37,6 +37,9 @@ KINDS: dict[type[Contact] | type[Obstacle], type[RowKind]] = {
 }
 
 
+#: Gaps up to this part of the size of a facet are closed at first; curved surfaces that touch have less.
+_TOUCHING = 1e-6
+
 #: Rows of contacts, one each, and of ties, three each, by index.
 Columns: TypeAlias = dict[int, list[RowColumns]]
 
@@ -149,10 +152,10 @@ def _not_yielding(rows: ConstraintRows, some: IntArray, axes: FloatArray) -> Flo
     """Tangents (m, 2, 3) of normals (m,) among rows, turned so that each yields or not; those that do are 0.
 
     Collective.  On surfaces meshed apart they yield to the constraints before them, else to conditions on both sides:
-    the normal of a node on a plane of symmetry may be oblique to it, and its tangents are not.  At a common edge they
-    yield to the normals of other contacts, whose forces would not be unique beside friction along them.
+    the normal of a node on a plane of symmetry may be oblique to it, and its tangents are not.  At an edge where
+    contacts touch at first they yield to each other's normals, whose forces would not be unique beside friction.
     """
-    axes, prolongation = axes.copy(), rows.prolongation
+    axes = axes.copy()
     for kind in rows.kinds:
         if kind.contact.tangential is not None:
             ours = rows.contact[some] == kind.index
@@ -160,13 +163,24 @@ def _not_yielding(rows: ConstraintRows, some: IntArray, axes: FloatArray) -> Flo
                 held = Precedence(kind.scene, rows.prolongation, kind.index).held[rows.first[some[ours]]]
             else:
                 held = held_jumps(kind.scene, rows)[some[ours]]
-            others, across = (rows.role == Role.NORMAL) & (rows.contact != kind.index), prolongation.zeros(9)
-            np.add.at(across, rows.first[others], np.einsum("ni,nj->nij", *[rows.normal[others]] * 2).reshape(-1, 9))
-            held = held + prolongation.ghosted(prolongation.summed(across))[rows.first[some[ours]]].reshape(-1, 3, 3)
+            held = held + _across_others(rows, kind.index)[some[ours]]
             share, turn = np.linalg.eigh(axes[ours] @ held @ axes[ours].swapaxes(1, 2))
             kept = (share <= 1 - SMOOTH**2)[:, :, None]
             axes[ours] = np.where(kept, turn.swapaxes(1, 2) @ axes[ours], 0.0)
     return axes
+
+
+def _across_others(rows: ConstraintRows, contact: int) -> FloatArray:
+    """Sums of n n^T at the nodes of rows, of other contacts' normals n that touch at first: (n, 3, 3).  Collective."""
+    entries, prolongation, result = rows.entries, rows.prolongation, np.zeros((len(rows), 9))
+    others = (rows.role == Role.NORMAL) & (rows.contact != contact) & (rows.gap <= _TOUCHING * np.sqrt(rows.area))
+    if not prolongation.comm.allreduce(bool(others.any()), op=MPI.LOR):
+        return result.reshape(-1, 3, 3)
+    across, part = prolongation.zeros(9), np.abs(entries.weight)[:, None]
+    outer = np.einsum("ni,nj->nij", rows.normal, rows.normal).reshape(-1, 9) * others[:, None]
+    np.add.at(across, entries.node, part * outer[entries.row])
+    np.add.at(result, entries.row, part * prolongation.ghosted(prolongation.summed(across))[entries.node])
+    return result.reshape(-1, 3, 3)
 
 
 def tangent_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -29,7 +29,7 @@ def cells_at_edge(state: SolvedState) -> BoolArray:
     Collective on state.forest.comm.
     """
     assert state.rows is not None
-    rows, forest, active, slips = state.rows, state.forest, state.solution.active, state.solution.slipping
+    rows, forest, active, slips = state.rows, state.forest, state.solution.active, state.solution.slides
     entries, prolongation = rows.entries, rows.prolongation
     nodal, result = prolongation.zeros(4), np.zeros(len(forest), dtype=bool)
     status = np.column_stack([active, ~active, active & ~slips, slips])[entries.row]

@@ -94,7 +94,8 @@ class FrictionForce(OfPair):
     Attributes:
         pair: of the scene, or its name, "first on second".
         direction: (3,), of any length.
-        tolerance: allowed error relative to the sum of the bounds of tangential forces, mu times the normal ones [-].
+        tolerance: allowed error relative to the sum of the bounds of the tangential forces, as mu times the normal ones
+            [-].
 
     Raises:
         SceneError: a tolerance as of `Quantity`, or the direction not three numbers or zero.
@@ -134,8 +135,9 @@ class FrictionForce(OfPair):
         law, derivative, closed = self.contact(scene).tangential, np.zeros(len(force)), ours & solution.active
         assert isinstance(law, Friction)
         slips = solution.slipping & (size > 0)
-        derivative = law.coefficient * np.divide(force @ image, size, out=derivative, where=slips)
-        bounds = scene.symmetry * law.bounds(solution.force, every.area[: len(ours)])[closed].sum()
+        normals = solution.force, every.area[: len(ours)]
+        derivative = law.derivative(*normals) * np.divide(force @ image, size, out=derivative, where=slips)
+        bounds = scene.symmetry * law.bounds(*normals)[closed].sum()
         along = np.where((every.contact == index)[:, None], sign * image, 0.0)
         most = state.forest.comm.allreduce(float(bounds))
         return Functional(float(direction @ vector), most, penetration=derivative, tangential=along)

@@ -17,12 +17,13 @@ class TangentialLaw(ABC):
 class Friction(TangentialLaw):
     """A law of friction: stick below a bound of the tangential force, slip at it."""
 
-    #: Derivative of the bound by the normal force [-].
-    coefficient: float = 0.0
-
     @abstractmethod
     def bounds(self, force: FloatArray, area: FloatArray) -> FloatArray:
         """Bounds (n,) [N] of tangential forces below normal forces (n,) [N] on areas (n,) [m^2].  Local."""
+
+    @abstractmethod
+    def derivative(self, force: FloatArray, area: FloatArray) -> FloatArray:
+        """Derivative (n,) of `bounds` by the normal forces [-].  Local."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +43,16 @@ class Coulomb(Friction):
         """As `Friction.bounds`.  Local."""
         return np.asarray(self.coefficient * np.maximum(force, 0.0))
 
+    def derivative(self, force: FloatArray, area: FloatArray) -> FloatArray:
+        """As `Friction.derivative`.  Local."""
+        return np.where(force > 0, self.coefficient, 0.0)
+
 
 @dataclass(frozen=True)
 class Tresca(Friction):
     """Tresca's law: tangential tractions up to a bound, and up to the pressure.
 
-    Beyond the pressure they could pull nodes open as soon as these close, so that no state is a solution.
+    With a traction above the pressure a node could neither stay open nor closed, and there might be no solution.
 
     Raises SceneError unless the bound is positive.
 
@@ -63,6 +68,10 @@ class Tresca(Friction):
     def bounds(self, force: FloatArray, area: FloatArray) -> FloatArray:
         """As `Friction.bounds`.  Local."""
         return np.minimum(self.bound * area, np.maximum(force, 0.0))
+
+    def derivative(self, force: FloatArray, area: FloatArray) -> FloatArray:
+        """As `Friction.derivative`.  Local."""
+        return np.where((force > 0) & (force < self.bound * area), 1.0, 0.0)
 
 
 def friction_law(friction: float | TangentialLaw) -> TangentialLaw | None:

@@ -75,6 +75,14 @@ class ContactSolution:
         return self.row_force[: len(self.active)]
 
     @property
+    def slides(self) -> BoolArray:
+        """(n,), closed normals that slip, or have no friction.  Local."""
+        assert self.rows is not None, "of a scene with contact"
+        count, rows = len(self.active), self.rows
+        rough = np.isin(rows.contact[:count], rows.contact[rows.role == Role.TANGENT])
+        return self.slipping | (self.active & ~rough)
+
+    @property
     def slip_vector(self) -> FloatArray:
         """(n, 3), slip of the first side on the second in the load step, of closed normals [m].  Local."""
         assert self.rows is not None, "of a scene with contact"
@@ -82,7 +90,7 @@ class ContactSolution:
 
 
 def _tractions(rows: ConstraintRows, force: FloatArray, pressure: FloatArray) -> FloatArray:
-    """Tangential tractions (n, 3) [Pa] by forces of all rows, over the areas on which normal ones have the pressure."""
+    """Tangential tractions (n, 3) [Pa] by forces of all rows, over the areas f_n / p."""
     normal = rows.role == Role.NORMAL
     closed = (force[normal] > 0) & (pressure > 0)
     per_area = np.divide(pressure, force[normal], out=1 / rows.area[normal], where=closed)

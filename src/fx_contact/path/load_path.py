@@ -37,6 +37,7 @@ from fx_contact.path.repetition import Repetition, repeated_path
 from fx_contact.path.starts import carried_over, next_increment, same_root
 from fx_contact.path.sweep_record import SweepRecord, write_sweep
 from fx_contact.scene.scene import Scene, check_scene
+from fx_contact.verdict.model_warning import REFUSED
 
 #: Starts of a point (`SweepRecord.begun`).
 ANEW, COARSE, BEFORE = "anew", "coarse", "before"
@@ -226,9 +227,9 @@ class LoadPath:
 
     def _dissipated(self, record: StepRecord) -> float | None:
         """Energy that friction has dissipated up to a new record, in increments [J].  Local."""
-        if record.dissipated_energy is None or self._kind != "increments":
-            return record.dissipated_energy
-        before = self.records[-1].dissipated_energy if self.records else None
+        before = self.records[-1].dissipated_energy if self.records and self._kind == "increments" else None
+        if record.dissipated_energy is None:
+            return before
         return (before or 0.0) + record.dissipated_energy
 
     def _run(self, scene: Scene) -> tuple[Run, str]:
@@ -315,7 +316,8 @@ class LoadPath:
                 )
         scene = self._scene_of(solved[-1])
         before = self._before = Checkpoint(folder, scene, comm)
-        settings = adapt(scene, self._tolerance, comm, **self._options).settings
+        options = self._options | {"allow": tuple(REFUSED)}  # the last increment may have no load
+        settings = adapt(scene, self._tolerance, comm, **options).settings
         with together(comm):
             before.check(settings.problem, settings.fixed())
         self._last = replace(before.load(), moved=places(scene))

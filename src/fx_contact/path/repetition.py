@@ -18,6 +18,7 @@ class Repetition:
 
     Attributes:
         parts: of each load step.
+        unloaded: value from which the first load step is divided; None: it is not.
         values: of the points.
         records: of the points, solved again.
         forces: change of the contact forces at each point, the largest of all pairs, relative to the force [-].
@@ -25,13 +26,15 @@ class Repetition:
     """
 
     parts: int
+    unloaded: float | None
     values: list[float]
     records: list[StepRecord]
     forces: list[float]
     displacement: float
 
     def __str__(self) -> str:
-        parts = f", each load step in {self.parts} parts" if self.parts > 1 else ""
+        first = "" if self.unloaded is not None else " after the first"
+        parts = f", each load step{first} in {self.parts} parts" if self.parts > 1 else ""
         forces = ", ".join(f"{percent(change)} at {value:g}" for value, change in zip(self.values, self.forces))
         return (
             f"the load path again on its last mesh{parts}: the last displacement changes by "
@@ -69,7 +72,7 @@ def repeated_path(
     displacement = prolongation.injected(step.fields.at_nodes(prolongation.space, COMPARED))
     change = norm(step.solution.displacement - displacement) / (norm(displacement) or 1.0)
     values, old = map(list, zip(*points))
-    return Repetition(parts, values, records, list(map(_change, records, old)), float(change))
+    return Repetition(parts, unloaded, values, records, list(map(_change, records, old)), float(change))
 
 
 def _change(new: StepRecord, old: StepRecord) -> float:

@@ -31,7 +31,7 @@ class SweepRecord:
         unknowns: of all steps together.
         cpu_seconds: of the point, all ranks together, without its scene and compilation [s].
         record: StepRecord of the last step.
-        dissipated_energy: by friction, in this load step and those before [J]; None: no friction.
+        dissipated_energy: by friction, of increments in all load steps so far [J]; None: no friction.
     """
 
     point: int

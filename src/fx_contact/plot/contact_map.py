@@ -42,7 +42,8 @@ def draw_contact(
 
     Args:
         path: of the PNG, if no plotter is given.
-        field: "pressure", with friction also "traction", the length of its vector, and "status": open, stick, slip.
+        field: "pressure", with friction also "traction", the length of its vector, and "status": open, stick, slip
+            or closed without friction.
         zoom: half width of the picture, in contact radii, around the contact; None: whole surfaces.
         plotter: of pyvista, to draw on, the one of rank 0; it or the path is returned.
 
@@ -62,7 +63,8 @@ def draw_contact(
     forest = step.forest
     facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
     shown = canvas.on_first(comm, points, _values(step, leaf, face, field), facets.mean_outward)
-    reach = np.inf if zoom is None else zoom * surfaces.contact_size(step)
+    whole = float(np.ptp(step.scene.mesh.points, axis=0).max())
+    reach = np.inf if zoom is None else min(zoom * surfaces.contact_size(step), whole)
     name = _FIELDS[field] if field == "status" else labelled(_FIELDS[field], "stress", units).replace(" [", "\n[")
 
     def draw(plotter: Any) -> None:
@@ -76,7 +78,8 @@ def draw_contact(
             scale["scalar_bar_args"] = canvas.bar(n_labels=0)
         plotter.add_mesh(surface, scalars="value", lighting=False, **scale)
         plotter.add_mesh(surfaces.edges_of(points), color="black", opacity=0.4, line_width=1.5, lighting=False)
-        near = (np.linalg.norm(points - centre, axis=2) <= reach).any(axis=1)
+        distance = np.linalg.norm(points - centre, axis=2).min(axis=1)
+        near = distance <= max(reach, distance.min())
         outward, around = outward[near], points[near].reshape(-1, 3)
         mean, area = outward.sum(axis=0), np.linalg.norm(outward, axis=1).sum()
         eye = mean / area if np.linalg.norm(mean) > AXIS * area else _EYE

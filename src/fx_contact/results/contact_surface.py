@@ -100,7 +100,7 @@ def _nodal_means(step: Step) -> FloatArray:
     assert rows is not None, "of a scene with contact"
     columns = [np.ones(len(rows)), solution.pressure, solution.active, -solution.penetration]
     if solution.traction is not None:
-        columns += [solution.traction, solution.slip_vector, solution.slipping]
+        columns += [solution.traction, solution.slip_vector, solution.slides]
     values = rows.area[:, None] * np.column_stack(columns)
     sums = prolongation.zeros(values.shape[1])
     entries = rows.entries

@@ -172,7 +172,7 @@ def _large_load_steps(state: SolvedState, rows: ConstraintRows) -> list[ModelWar
             message = (
                 f"nodes of {pair.label} that close in this load step have tangential forces of {percent(anew / force)} "
                 f"of the contact force; they stick from where the step begins, not from where they close; limit "
-                f"{LOAD_STEP:.0%}; take more load steps (`increments`): `LoadPath.repeated(2)` tells their effect"
+                f"{LOAD_STEP:.0%}; take more load steps, `LoadPath.repeated(2, unloaded)` tells their effect"
             )
             warnings.append(ModelWarning("load step", anew / force, LOAD_STEP, pair.name, message))
     return warnings
