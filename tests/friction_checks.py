@@ -5,14 +5,12 @@ from conftest import WORLD, everywhere
 from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import Role
+from fx_contact.law.tangents import tangential_vectors
 
 
 def forces(step):
     """Tangential forces (n, 3) of this rank's nodes [N]."""
-    rows, force = step.solution.rows, step.solution.row_force
-    tangent = rows.role == Role.TANGENT
-    one, two = np.split(force[tangent][:, None] * rows.normal[tangent], 2)
-    return one + two
+    return tangential_vectors(step.solution.rows, step.solution.row_force)
 
 
 def tractions(step):
@@ -48,7 +46,7 @@ def check_law(step, accuracy=1e-6):
     for number, law in ((i, pair.tangential) for i, pair in enumerate(pairs) if pair.tangential is not None):
         normal, *tangents = (np.flatnonzero((rows.contact == number) & (rows.axis == axis)) for axis in range(3))
         force, slip = (np.stack([of[t] for t in tangents], axis=1) for of in (solution.row_force, solution.slip))
-        bound, slips = law.coefficient * solution.row_force[normal], solution.slipping[normal]
+        bound, slips = law.bounds(solution.row_force[normal], rows.area[normal]), solution.slipping[normal]
         size, length = (np.linalg.norm(values, axis=1) for values in (force, slip))
         everywhere((size <= bound + accuracy * scale).all(), "more than the bound")
         everywhere((np.abs(size - bound)[slips] <= accuracy * scale).all(), "slips below the bound")

@@ -8,6 +8,7 @@ import pytest
 from meshed_apart import Mortar, Side, hollow_ball
 from model_problems import scramble
 
+from fx_contact.contact.dual_functions import _sums
 from fx_contact.geometry.root_facets import face_functions
 from fx_contact.geometry.solids import ball, block
 
@@ -157,3 +158,9 @@ def test_no_kept_node():
     assert (mortar.functions == 0).all() and (mortar.area == 0).all()
     apart = Mortar(first, Side.of(block((5, 5, -1), (6, 6, 0), (1, 1, 1), 1), 2, "top"))
     assert not len(apart.pairs) and not apart.kept.any() and (apart.functions == 0).all()
+
+
+def test_no_point():
+    """Facets that face each other in the pairing may have no common point: no row, the right number of functions."""
+    assert face_functions(2, np.zeros((0, 2))).shape == (0, 9)
+    assert _sums(np.zeros(0, dtype=np.int64), 2, np.zeros((0, 4)), np.zeros((0, 9))).shape == (2, 36)

@@ -204,7 +204,7 @@ def _moved(degree: int, kept: BoolArray) -> FloatArray:
 
 def _sums(group: Int64Array, count: int, one: FloatArray, two: FloatArray) -> FloatArray:
     """Sums over points (m,) of each group of products of functions (m, i) and (m, j): (count, i j)."""
-    products = (one[:, :, None] * two[:, None, :]).reshape(len(one), -1)
+    products = (one[:, :, None] * two[:, None, :]).reshape(len(one), one.shape[1] * two.shape[1])
     indicator = csr_matrix((np.ones(len(group)), (group, np.arange(len(group)))), shape=(count, len(group)))
     return np.asarray(indicator @ products)
 

@@ -124,4 +124,4 @@ def face_functions(order: int, uv: FloatArray) -> FloatArray:
     """Lagrange functions (..., (p+1)^2) of the nodes of a face, u fastest, at coordinates (..., 2).  Local."""
     functions = hexahedron.lagrange(order, uv)
     u, v = functions[..., 0, :], functions[..., 1, :]
-    return np.asarray(v[..., :, None] * u[..., None, :]).reshape(*uv.shape[:-1], -1)
+    return np.asarray(v[..., :, None] * u[..., None, :]).reshape(*uv.shape[:-1], (order + 1) ** 2)

@@ -1,14 +1,14 @@
 """Coulomb's and Tresca's law of friction: stick and slip by a semismooth Newton method.
 
-Of the force f and the slip d of the last solution, p = f + c d is the trial force, and g the bound of |f|, Coulomb's
-mu f_n by the last normal force.  Nodes with |p| > g slip, with the force g e along e = p / |p|.  Across e they have a
-spring
+Of the force f and the slip d of the last solution, p = f + c d is the trial force, and g the bound of |f| by the last
+normal force f_n: mu f_n (Coulomb), or the smaller one of f_n and a constant (Tresca).  Nodes with |p| > g slip, with
+the force g e along e = p / |p|.  Across e they have a spring
 
     kappa = g c / (|p| - g),
 
 by the derivative of g p / |p|; it has no force in the solution.  Others stick, d = 0, also those whose slip runs
-against their force.  The bound lags by one solution, in place of the derivative of mu f_n, which is not
-symmetric.  While no status changes, Anderson's method accelerates the convergence of the bounds.
+against their force.  The bound lags by one solution, in place of its derivative by f_n, which is not symmetric.  While
+no status changes, Anderson's method accelerates the convergence of the bounds.
 
 Sources: S. Hueeber, G. Stadler, B. Wohlmuth, SIAM J. Sci. Comput. 30(2), 2008; H. F. Walker, P. Ni, SIAM J. Numer.
 Anal. 49(4), 2011.
@@ -110,7 +110,7 @@ class FrictionStatus(TangentialStatus):
         before, some = np.where((closed & self.slips)[:, None], self.bound[:, None] * self._along, f), slips[:, None]
         changed = closed & (slips != self.slips)
         forces = np.where(slips, bound, 0.0)
-        others = (slips != self.slips) | ((forces > 0) != (self.bound > 0))  # of normals too
+        others = (slips != self.slips) | ((forces > 0) != (self.bound > 0))  # also where a node closes or opens
         self.slips, self.bound = slips, self._accelerated(forces, bool(others.any()))
         self._along = np.where(some, p / np.maximum(size, np.finfo(float).tiny)[:, None], [1.0, 0.0])
         excess = np.maximum(size - self.bound, np.finfo(float).eps * size)
