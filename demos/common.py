@@ -54,6 +54,7 @@ from fx_contact import (  # noqa: E402
     StepRecord,
     SweepPoint,
     SweepRecord,
+    adapt,
 )
 from fx_contact.adaptive.settings import DEGREE, check_tolerance  # noqa: E402
 from fx_contact.adaptive.step_record import TrueError  # noqa: E402
@@ -193,6 +194,7 @@ def path_settings(given: argparse.Namespace, scene: Scene) -> dict[str, Any]:
         raise SceneError("--true-error is for single scenes: the results of a load path depend on its history")
     options = settings(argparse.Namespace(**vars(given) | {"checkpoint": None, "restart": False}), scene)
     del options["checkpoint"], options["restart"]
+    adapt(scene, **options)  # a wrong option is found before the records of another run are replaced
     return options | {"folder": given.checkpoint, "restart": given.restart}
 
 
