@@ -43,8 +43,8 @@ class ContactSolution:
         slip: (n + m,), d of the load step in tangents of closed normals, else 0 [m].
         slipping: (n,), closed normals whose tangents slip.
         closed_anew: (n,), closed normals that were open before the load step; without friction none.
-        traction: (n, 3), tangential forces of the sign of `row_force`, over the areas on which normal ones have the
-            pressure; None: no friction [Pa].
+        traction: (n, 3), tangential forces over the areas f_n / p, with the sign of `row_force`; None: no friction
+            [Pa].
         yielded_rows: number of all ranks' rows that are left out, or prescribed, by conditions, ties or contacts before
             theirs (`contact.precedence`).
         energy_error: bound of the linear solver's error in the energy norm [J^(1/2)].
