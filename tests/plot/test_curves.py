@@ -99,6 +99,13 @@ def test_sweep(axes):
         assert axes.get_ylabel() == label
 
 
+def test_increments_in_their_order(axes):
+    """Unloading is another curve than loading."""
+    records = [replace(point(number, force=10.0 * i), begun="before") for i, number in enumerate((0, 2, 1))]
+    draw_sweep(records, comm=MPI.COMM_SELF, ax=axes)
+    assert np.allclose(axes.lines[0].get_data(), [(0, 2, 1), (0, 10, 20)])
+
+
 def test_points_of_a_sweep(axes):
     """Points as `sweep` yields them are drawn as their records are."""
     records = [point(number, force=2.0 + number) for number in range(2)]

@@ -16,7 +16,7 @@ from fx_contact.items.units import labelled
 from fx_contact.parallel.errors import OutputError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_comm, check_kind, check_kinds, check_name, check_number
-from fx_contact.path.load_path import LoadPath, SweepPoint
+from fx_contact.path.load_path import BEFORE, LoadPath, SweepPoint
 from fx_contact.path.sweep_record import SweepRecord
 from fx_contact.plot.canvas import axes_for, draw_on_first
 from fx_contact.results.analytic import Hertz
@@ -178,8 +178,9 @@ def draw_sweep(
     title = labelled(name.replace("_", " "), _DIMENSIONS.get(name, ""), known[-1].record.units)
 
     def draw(axes: Any) -> None:
-        """In the order of the values."""
-        axes.plot(*rows[np.argsort(rows[:, 0])].T, "o-", color=_COMPUTED)
+        """In the order of the values, increments in their own: unloading is another curve."""
+        history = any(point.begun == BEFORE for point in known)
+        axes.plot(*(rows if history else rows[np.argsort(rows[:, 0])]).T, "o-", color=_COMPUTED)
         if logarithmic:
             axes.loglog()
         axes.set(xlabel=label, ylabel=title)
