@@ -1,11 +1,18 @@
 """Results of friction: tractions and slips in tables, files and pictures, goals, warnings, repeated paths."""
 
 import csv
+import json
+import random
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import WORLD, everywhere
+from conftest import WORLD, everywhere, outside
 from test_friction import MU, check_law, contact_force, fretting, pushed
 
 from fx_contact import Beginning, Dirichlet, FrictionForce, SceneError, Tresca, adapt, increments, sweep
@@ -193,3 +200,47 @@ def test_friction_that_changes_between_increments():
     points = list(increments(lambda value: pushed("mortar", *steps[value]), [0.0, 1.0], 0.9, degree=1, max_steps=1))
     assert points[0].record.dissipated_energy is None and points[1].record.dissipated_energy is not None
     assert points[1].step.record.sticking_pairs > 0
+
+
+#: A path with friction, whose points go into a folder.
+PROGRAM = """
+import sys
+from mpi4py import MPI
+sys.path[:0] = sys.argv[1:3]
+from test_friction_results import path
+list(path(shifts=(0.0, 1e-3, 2e-3, 1e-3, 0.0), folder=sys.argv[3], restart=len(sys.argv) > 4, comm=MPI.COMM_SELF))
+"""
+
+
+@pytest.mark.skipif(WORLD.size > 1, reason="starts runs of its own")
+def test_a_path_killed_at_random_moments(tmp_path):
+    """kill -9, then restarts: no point is lost, and the path ends with the same forces and work of friction."""
+    here, rng = Path(__file__).parent, random.Random(5)
+
+    def life(folder, wanted):
+        """Run to the end, or to a kill soon after a number of points; all points that are in the file."""
+        file = folder / "sweep.jsonl"
+        program = [sys.executable, "-c", PROGRAM, str(here), str(here.parent), str(folder)]
+        process = subprocess.Popen(program + ["restart"] * file.exists(), env=outside())
+
+        def points():
+            return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+        while process.poll() is None:
+            if len(points()) >= wanted:
+                time.sleep(rng.uniform(0, 0.5))
+                process.kill()
+            time.sleep(0.01)
+        assert process.returncode in (0, -signal.SIGKILL)
+        return points()
+
+    whole = life(tmp_path / "whole", 9)
+    assert len(whole) == 5
+    for wanted in (1, 2, 4, 9):
+        points = life(tmp_path / "killed", wanted)
+        assert len(points) >= min(wanted, 5), "a point was lost"
+    for one, other in zip(points, whole, strict=True):
+        assert one["record"]["force"] == pytest.approx(other["record"]["force"], rel=1e-7)
+        assert one["dissipated_energy"] == pytest.approx(other["dissipated_energy"], rel=1e-5, abs=1e-15)
+    rows = list(csv.DictReader((tmp_path / "killed" / "sweep.csv").open()))
+    assert [float(row["dissipated_energy"]) for row in rows] == [point["dissipated_energy"] for point in points]

@@ -85,6 +85,7 @@ def _replace(path: Path, text: str) -> None:
 
 def _table(points: list[SweepRecord]) -> str:
     columns = [one.name for one in fields(SweepRecord) if one.name not in ("record", "dissipated_energy")]
+    columns += ["dissipated_energy"] * any(point.dissipated_energy is not None for point in points)
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow([*columns, *_OF_STEP])
