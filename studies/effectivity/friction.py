@@ -47,11 +47,23 @@ def on_block(name, body, shape, down, shift, cells, order, modulus=100.0):
     )
 
 
-def press_fit():
+def ball_on_block(shift=1e-3):
+    """Half of a stiff ball."""
+    top = ball(1.0, 2, 3, 2).placed(lambda x: (x[0], -x[1], 1.0 - x[2]))
+    return on_block("ball", ("z = 0", "x = 0", "outside"), top, 0.01, shift, (4, 8, 4), 3)
+
+
+def stamp_on_block(shift=2e-3):
+    """Half of a stiff stamp with sharp edges."""
+    cube = block((-1, -1, 0), (0, 1, 1), (1, 2, 1), 2)
+    return on_block("stamp", ("top", "right", "bottom"), cube, 0.01, shift, (3, 6, 3), 2)
+
+
+def press_fit(shift=1e-3):
     """A quarter of a shaft, pulled out of a hub."""
     bodies = {"shaft": ring(0.5, 1.0, 2.0, (1, 3, 2), quarters=1), "hub": ring(1.0, 2.0, 2.0, (2, 4, 3), quarters=1)}
     held = [SymmetryPlane(f"{body} {side}") for body in bodies for side in ("x = 0", "y = 0")]
-    held += [Dirichlet("shaft bottom", z=-1e-3), Dirichlet("hub top", z=0.0)]
+    held += [Dirichlet("shaft bottom", z=-shift), Dirichlet("hub top", z=0.0)]
     pair = ContactPair("shaft outside", "hub inside", clearance=-2e-3, friction=MU / 2)
     return Scene(
         "press fit", root_mesh_from_shapes(bodies), dict.fromkeys(bodies, Material(1.0, 0.3)), held, pair, symmetry=4
@@ -61,10 +73,8 @@ def press_fit():
 def scenes():
     """Scenes, with the directions of their friction forces."""
     yield ball_on_plane(8e-4, MU, 0.3), (0, 1, 0)
-    top = ball(1.0, 2, 3, 2).placed(lambda x: (x[0], -x[1], 1.0 - x[2]))
-    yield on_block("ball", ("z = 0", "x = 0", "outside"), top, 0.01, 1e-3, (4, 8, 4), 3), (0, 1, 0)
-    cube = block((-1, -1, 0), (0, 1, 1), (1, 2, 1), 2)
-    yield on_block("stamp", ("top", "right", "bottom"), cube, 0.01, 2e-3, (3, 6, 3), 2), (0, 1, 0)
+    yield ball_on_block(), (0, 1, 0)
+    yield stamp_on_block(), (0, 1, 0)
     yield press_fit(), (0, 0, 1)
 
 
