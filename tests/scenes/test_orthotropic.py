@@ -1,23 +1,27 @@
 """Orthotropic materials: exact linear displacements, energies, and isotropic constants."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
-from conftest import everywhere
+from conftest import WORLD, everywhere
 from model_problems import DISTRIBUTIONS, EXACT, discrete, grown, roots
 
 from fx_contact import (
     ContactPair,
     Dirichlet,
+    Displacement,
     InitialStrain,
     Material,
     Orthotropic,
     RigidSphere,
+    RigidSurface,
     Scene,
     SceneError,
     SymmetryPlane,
     ThermalStrain,
+    Traction,
     adapt,
     block,
     root_mesh_from_shapes,
@@ -31,6 +35,8 @@ DEGREES = pytest.mark.parametrize("degree", (1, 2))
 PARALLEL = pytest.mark.ranks(1, 2, 3)
 #: Unidirectional carbon fibres in epoxy, along x [GPa].
 CARBON = Orthotropic((140.0, 10.0, 9.0), (0.3, 0.28, 0.4), (5.0, 4.5, 3.5))
+#: Spruce: fibres, radius and tangent of the year rings [GPa].
+SPRUCE = Orthotropic((10.7, 0.71, 0.43), (0.38, 0.51, 0.51), (0.5, 0.62, 0.023))
 ISOTROPIC = Orthotropic((10.0,) * 3, (0.3,) * 3, (10 / 2.6,) * 3, ((1, 2, 0), (-2, 1, 3)))
 
 
@@ -125,9 +131,55 @@ def test_bad_constants():
         ({"axes": ((0, 0, 0), (1, 1, 0))}, "axis"),
         ({"young": (1000.0, 1, 1), "poisson": (0.499, 0.499, 0.997), "shear": (0.33, 0.33, 0.25)}, "incompressible"),
         ({"young": (1.0,) * 3, "poisson": (0.49,) * 3, "shear": (1 / 2.98,) * 3}, "incompressible"),
+        ({"young": (1.0,) * 3, "poisson": (0.401,) * 3, "shear": (1 / 2.802,) * 3}, "is 4.72 times"),
+        ({"young": (1.0,) * 3, "poisson": (0.3,) * 3, "shear": (1 / 2.6, 0.01, 0.01)}, "incompressible"),
     ):
         with pytest.raises(SceneError, match=message):
             replace(CARBON, **changes)
+
+
+def test_wood_is_not_nearly_incompressible():
+    """One small shear modulus, of rolling shear, is none of the volume: Sitka spruce, spruce, balsa."""
+    for young, poisson, shear in (
+        ((1.0, 0.078, 0.043), (0.372, 0.467, 0.435), (0.064, 0.061, 0.003)),
+        (SPRUCE.young, SPRUCE.poisson, SPRUCE.shear),
+        ((1.0, 0.046, 0.015), (0.229, 0.488, 0.665), (0.054, 0.037, 0.005)),
+    ):
+        assert not Orthotropic(young, poisson, shear).projected
+    assert Orthotropic((1.0,) * 3, (0.399,) * 3, (1 / 2.798,) * 3).young == (1.0, 1.0, 1.0)
+
+
+def test_volume_of_wood_does_not_lock():
+    """Bent across its year rings, its error is the same without any coupling of volume and shape."""
+    c = np.sqrt(0.5)
+    deflections = []
+    for poisson, degree in product((SPRUCE.poisson, (0.0, 0.0, 0.0)), (1, 2)):
+        material = replace(SPRUCE, poisson=poisson, axes=((1, 0, 0), (0, c, c)))
+        mesh = root_mesh_from_shapes({"beam": block((0, 0, 0), (0.25, 4, 1), (1, 16, 4), 1)})
+        held = SymmetryPlane("beam left"), SymmetryPlane("beam right"), Dirichlet("beam front", 0.0, 0.0, 0.0)
+        scene = Scene("beam", mesh, {"beam": material}, held, tractions=Traction("beam back", (0, 0, 1e-6)))
+        goal = Displacement((0.0, 4.0, 1.0), (0, 0, 1), 0.9)
+        deflections.append(solve(scene, 0.9, degree=degree, max_steps=1, goals=goal).record.goals[0].value)
+    wood, without = deflections[0] / deflections[1], deflections[2] / deflections[3]
+    assert 0.94 * without < wood < without  # of nu = 0.49 without projection it would be 0.58 of it
+
+
+@pytest.mark.ranks(1, 2)
+def test_ball_on_spruce():
+    """Semi-axes and largest pressure of a half-space below a paraboloid, computed independently, within 0.4 %."""
+    size, radius, force, known = 6.8, 10.0, 0.0232781, (0.531407, 0.847116)
+    mesh = root_mesh_from_shapes({"wood": block((0, 0, -size), (size, size, 0), (2, 2, 2), 1)})
+    ball = RigidSurface(
+        lambda x: (x[0] ** 2 + x[1] ** 2) / (2 * radius) - x[2], lambda x: np.stack([0 * x[0], 0 * x[0], 0 * x[0] - 1])
+    )
+    held = Dirichlet("wood bottom", 0.0, 0.0, 0.0), SymmetryPlane("wood left"), SymmetryPlane("wood front")
+    pair = ContactPair("wood top", ball, force=(0.0, 0.0, -force))
+    step = solve(Scene("wood", mesh, {"wood": SPRUCE}, held, pair, symmetry=4), 0.04)
+    assert step.record.reached and not step.record.doubts and step.record.force == pytest.approx(force, rel=1e-6)
+    contact = step.contact
+    sums = WORLD.allreduce(np.append((contact.points[:, :2] ** 2).T @ contact.force, contact.force.sum()))
+    assert np.sqrt(5 * sums[:2] / sums[2]) == pytest.approx(known, rel=4e-3)
+    assert step.record.max_pressure == pytest.approx(0.0246898, rel=4e-3)
 
 
 def test_mirrors_need_symmetric_materials():

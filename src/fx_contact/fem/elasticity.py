@@ -23,7 +23,7 @@ from fx_contact.fem.springs import Springs
 from fx_contact.fem.supports import Supports
 from fx_contact.fem.volume_projection import VolumeProjection
 from fx_contact.fem.volume_term import VolumeTerm
-from fx_contact.items.materials import LOCKING_POISSON, Material, Orthotropic
+from fx_contact.items.materials import Material, Orthotropic
 from fx_contact.linalg.matrix import BlockMatrix, create_matrix
 from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.compilation import compiled
@@ -85,7 +85,7 @@ class Elasticity(NodalSpaces):
         self._stages, constant = stages, fem.functionspace(self.mesh, ("DG", 0))
         near = [one.isotropic for one in materials]
         self.lame = fem.Function(constant), fem.Function(constant)
-        cells, soft = constant.dofmap.list[:, 0], np.array([one.poisson >= LOCKING_POISSON for one in near])
+        cells, soft = constant.dofmap.list[:, 0], np.array([one.projected for one in materials])
         for lame, values in zip(self.lame, np.array([one.lame for one in near]).T):
             lame.x.array[cells] = values[material]
         self._more = None
@@ -292,7 +292,7 @@ class Elasticity(NodalSpaces):
         materials, material = self._materials
         moduli = np.array([one.stiffness for one in materials])
         for number, one in enumerate(materials):
-            if self.projects and one.isotropic.poisson >= LOCKING_POISSON:
+            if one.projected:
                 moduli[number] = one.isotropic.lame[1] * np.diag([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
         return CellStiffness(self.leaf_mesh, self.prolongation.space.degree, moduli, material)
 

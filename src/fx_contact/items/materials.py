@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -52,6 +53,11 @@ class Material:
         return self
 
     @property
+    def projected(self) -> bool:
+        """True if it is nearly incompressible: its volume strain is projected."""
+        return self.poisson >= LOCKING_POISSON
+
+    @property
     def plane_strain_modulus(self) -> float:
         """E/(1 - nu^2) [Pa]."""
         return self.young / (1 - self.poisson**2)
@@ -85,7 +91,8 @@ class Orthotropic:
 
     Raises:
         SceneError: a modulus that is not positive, ratios that allow negative energies, axes that are not
-            perpendicular, or a material that is nearly incompressible: its volume strain is not projected.
+            perpendicular, or a material that is nearly incompressible, against two of its five deviatoric modes at
+            least: its volume strain is not projected.
 
     Attributes:
         young: E_1, E_2, E_3 [Pa].
@@ -93,6 +100,9 @@ class Orthotropic:
         shear: G_12, G_13, G_23 [Pa].
         axes: directions of the axes 1 and 2, of any length [-]; 3 is across both.
     """
+
+    #: As `Material.projected`.
+    projected: ClassVar[bool] = False
 
     young: tuple[float, float, float]
     poisson: tuple[float, float, float]
@@ -117,14 +127,18 @@ class Orthotropic:
                 "(E_i / E_j)^(1/2), and all three together smaller; is nu_ij the contraction along j under tension "
                 "along i?"
             )
-        # K / G of an isotropic material is 2 (1 + nu) / (3 (1 - 2 nu)).
+        # The volume locks if two deviatoric modes at least are soft against it.  With a single one, as the rolling shear
+        # of wood, other strains without change of volume are as stiff as the volume strain, and its projection would
+        # not help.  K / G of an isotropic material is 2 (1 + nu) / (3 (1 - 2 nu)).
         bulk, most = 1 / self._compliance[:3, :3].sum(), 2 * (1 + LOCKING_POISSON) / (3 * (1 - 2 * LOCKING_POISSON))
-        weights = np.sqrt([1, 1, 1, 0.5, 0.5, 0.5])  # for the notation of Kelvin, whose eigenvalues are 1 / (2 G)
-        shear = 1 / (2 * np.linalg.eigvalsh(self._compliance * np.outer(weights, weights))[-1])
-        if bulk > most * shear:
+        weights, deviator = np.sqrt([1, 1, 1, 0.5, 0.5, 0.5]), np.eye(6)  # in the notation of Kelvin
+        deviator[:3, :3] -= 1 / 3
+        modes = np.linalg.eigvalsh(deviator @ (self._compliance * np.outer(weights, weights)) @ deviator)  # 1 / (2 G)
+        if bulk * 2 * modes[-2] > most:
             raise SceneError(
-                f"an Orthotropic whose bulk modulus is {bulk / shear:.3g} times its least shear modulus is nearly "
-                f"incompressible, and would lock: limit {most:.3g}, that of nu = {LOCKING_POISSON}"
+                f"an Orthotropic whose bulk modulus is {bulk * 2 * modes[-2]:.3g} times the shear modulus of the second "
+                f"softest of its shears is nearly incompressible, and would lock: limit {most:.3g}, that of "
+                f"nu = {LOCKING_POISSON}"
             )
 
     @property
