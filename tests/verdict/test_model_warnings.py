@@ -17,6 +17,7 @@ from fx_contact import (
     Material,
     MaxPressure,
     Pressure,
+    RigidPlane,
     Scene,
     StepRecord,
     Tie,
@@ -166,6 +167,14 @@ def test_initial_overlap():
     assert abs(found.value - 0.6) < 1e-9 and abs(found.limit - 0.5) < 1e-9 and "of 'slider'" in found.message
     assert not warned(on_a_block(down=0.0, gap=-0.4, thick=10.0))
     assert not warned(shrink_fit(coarse=2))
+
+
+def test_obstacle_that_touches_and_is_moved():
+    """By 6 % of the body it strains it, but does not overlap it before; one drawn inside of it does."""
+    scene = replace(block(), contact=ContactPair("top", RigidPlane((0, 0, 1), (0, 0, -1)), moved=(0.0, 0.0, -0.06)))
+    assert [*warned(scene)] == ["large strain"]
+    scene = replace(scene, contact=ContactPair("top", RigidPlane((0, 0, 0.94), (0, 0, -1)), moved=(0.0, 0.0, 0.02)))
+    assert abs(warned(scene)["initial overlap"].value - 0.06) < 1e-9
 
 
 def lying(upper, lower, named=(), glued=False):

@@ -111,6 +111,21 @@ def test_obstacles():
     assert not found(cube_below(RigidSphere((0.25, 0.5, 1.501), 0.5), 0.6)), "it curves away"
 
 
+@pytest.mark.parametrize("obstacle", [True, False])
+def test_clearance(obstacle):
+    """Bodies drawn in touch close a clearance first; what is deeper outside of the contact surfaces counts."""
+    upper = block((0, 0, 1), (1, 1, 2), (2, 2, 16), 1).named("seat", "bottom", where=lambda x: x[0] < 0.6)
+    shapes = {"upper": upper} if obstacle else {"upper": upper, "lower": block((-1, -1, 0), (2, 2, 1), (3, 3, 1), 1)}
+    mesh, end = root_mesh_from_shapes(shapes), RigidPlane((0, 0, 1), (0, 0, 1)) if obstacle else "lower top"
+    held = () if obstacle else (Dirichlet("lower bottom", 0.0, 0.0, 0.0),)
+    for down, rest in ((-0.13, "penetration"), (-0.101, None)):
+        moved = *held, Dirichlet("upper top", 0.0, 0.0, down)
+        scene = Scene("clearance", mesh, dict.fromkeys(shapes, STEEL), moved)
+        assert not found(replace(scene, contact=ContactPair("upper bottom", end, clearance=0.1)), degree=1)
+        few = found(replace(scene, contact=ContactPair("upper seat", end, clearance=0.1)), degree=1)
+        assert rest is None or rest in few, few
+
+
 @pytest.mark.parametrize("side", ["lower", "upper"])
 def test_planes_of_symmetry_without_symmetry_planes(side):
     """A `Dirichlet` on one body alone; both of them, and a plane beside two SymmetryPlanes, are none."""
@@ -138,6 +153,22 @@ def test_oblique_direction(degrees, oblique):
     assert ("oblique direction" in kinds) == oblique
     if oblique:
         assert abs(kinds["oblique direction"].value + np.cos(np.radians(degrees)) - 1) < 1e-6
+
+
+@pytest.mark.parametrize("cells", [(2, 3), (3, 2)])
+def test_direction_from_either_surface(cells):
+    """Meshed apart, whichever surface has the rows: along the normal nothing is missing, askew the same share."""
+    shapes = {n: block((0, 0, z), (1, 1, z + 1), (k, k, k), 1) for z, (n, k) in enumerate(zip(("low", "up"), cells))}
+    held = Dirichlet("low bottom", 0.0, 0.0, 0.0), Dirichlet("up top", 0.0, 0.0, -0.01)
+    scene = Scene("apart", root_mesh_from_shapes(shapes), dict.fromkeys(shapes, Material(1.0, 0.3)), held)
+    surfaces, forces = ("low top", "up bottom"), set()
+    for names, sign in ((surfaces, 1.0), (surfaces[::-1], -1.0)):
+        assert not found(replace(scene, contact=ContactPair(*names, direction=(0, 0, sign))), degree=1)
+        warning = found(replace(scene, contact=ContactPair(*names, direction=(0.3, 0, sign))), degree=1)
+        message = warning["oblique direction"].message
+        forces.add(float(message.split("(")[1].split(")")[0].split(",")[-1]) * sign)
+        assert warning["oblique direction"].value == pytest.approx(1 - 1 / np.hypot(0.3, 1), rel=0.1)
+    assert len(forces) == 1 and min(forces) > 0, "the resultant on the second body"
 
 
 def test_edges_of_contact():

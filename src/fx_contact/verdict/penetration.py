@@ -1,10 +1,14 @@
-"""Penetration where no contact acts: outside of the contact and tied surfaces, of bodies and of obstacles."""
+"""Penetration where no contact acts: outside of the contact and tied surfaces, of bodies and of obstacles.
+
+Bodies are drawn without the clearance of their contact: only what is deeper counts.
+"""
 
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.leaf_mesh import leaf_positions
@@ -130,7 +134,8 @@ def _in_bodies(state: SolvedState, nodal: FloatArray, depth: float, near: BoolAr
     body_of = scene.mesh.body[forest.cell]
     before = leaf_positions(forest, cells, 1)
     now = before + nodal[space.cells[cells][:, hexahedron.corner_nodes(space.degree)]]
-    points, around = np.stack([samples.before, samples.now], axis=1), np.concatenate([before, now], axis=1)
+    points = np.stack([samples.before, samples.now, _less_play(scene, samples)], axis=1)
+    around = np.concatenate([before, now], axis=1)
     kept = _near_others(comm, len(bodies), around, body_of[cells], points, samples.body)
     cells, before, now, around = cells[kept], before[kept], now[kept], around[kept]
     kept = _near_others(comm, len(bodies), points, samples.body, around, body_of[cells])
@@ -141,14 +146,28 @@ def _in_bodies(state: SolvedState, nodal: FloatArray, depth: float, near: BoolAr
     away = Exchange(comm, name[:, 0])
     there, point, own = away.forward(name[:, 1]), away.forward(points[query]), away.forward(samples.body[query])
     body, hollow = body_of[cells][there], _hollow(before, middles)[there]
-    within = np.stack([_within(c[there], hollow, point[:, i]) for i, c in enumerate((before, now))], axis=1)
+    within = np.stack([_within(c[there], hollow, point[:, i]) for i, c in enumerate((before, now, now))], axis=1)
     within, body = away.backward(within & (body != own)[:, None]), away.backward(body).astype(np.int64)
-    fresh = within[:, 1] & ~np.isin(query, query[within[:, 0]])
+    fresh = within[:, 1] & within[:, 2] & ~np.isin(query, query[within[:, 0]])
     pairs = np.sort(np.stack([samples.body[query], body], axis=1), axis=1)
     result = []
     for a, b in np.unique(pairs[fresh], axis=0):
         rows = np.unique(query[fresh & (pairs == (a, b)).all(axis=1)])
         result.append((f"bodies {bodies[a]!r} and {bodies[b]!r}", samples.some(rows)))
+    return result
+
+
+def _less_play(scene: Scene, samples: _Samples) -> FloatArray:
+    """Points (n, 3) deformed, drawn back from the nearest contact surface of their body by its clearance."""
+    mesh, result = scene.mesh, samples.now.copy()
+    pairs = [pair for pair in scene.contact if len(pair.surfaces) == 2 and pair.clearance > 0]
+    facets = [mesh.surface(name) for pair in pairs for name in pair.surfaces]
+    play = np.repeat(np.repeat([pair.clearance for pair in pairs], 2), [len(some) for some in facets])
+    joined = np.concatenate([np.empty((0, 2), dtype=np.int64), *facets])
+    for body in np.unique(mesh.body[joined[:, 0]]):
+        own, rows = np.flatnonzero(mesh.body[joined[:, 0]] == body), np.flatnonzero(samples.body == body)
+        nearest = own[cKDTree(mesh.facet_points(joined[own], order=1).mean(axis=1)).query(samples.before[rows])[1]]
+        result[rows] -= play[nearest, None] * mesh.outward_normals(joined[nearest])
     return result
 
 
@@ -210,7 +229,8 @@ def _in_obstacles(state: SolvedState, nodal: FloatArray, depth: float) -> list[t
             continue
         if pair.obstacle is None or isinstance(pair.obstacle, RigidSurface):
             continue
-        inside = (pair.distances(samples.now)[0] < 0) & (begin.distances(samples.before)[0] >= 0)
+        inside = pair.distances(samples.now)[0] + pair.clearance < 0
+        inside &= begin.distances(samples.before)[0] + begin.clearance >= 0
         for body in np.unique(samples.body[inside]):
             names = f"body {scene.mesh.bodies[body]!r} and the {pair.obstacle.name} below {pair.first!r}"
             rows = inside & (samples.body == body)

@@ -192,8 +192,12 @@ def _no_contact(state: SolvedState, rows: ConstraintRows) -> ModelWarning:
 
 def _initial_overlaps(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
     """Deepest initial overlap at a closed pair, if it is deep against the bodies."""
-    mesh = state.forest.mesh
-    depth = np.where(state.solution.active, np.maximum(-rows.gap, 0.0), 0.0)
+    mesh, gap = state.forest.mesh, rows.gap.copy()
+    for index, pair in enumerate(state.scene.contact):
+        if pair.obstacle is not None and np.any(pair.moved):
+            of = rows.contact == index
+            gap[of] = pair.obstacle.distances(rows.position[of])[0] + pair.clearance
+    depth = np.where(state.solution.active, np.maximum(-gap, 0.0), 0.0)
     more = np.column_stack([rows.normal, rows.bodies])
     place, value, (*normal, first, second) = _place_of_largest(rows.prolongation.comm, depth, rows.position, more)
     corners, bodies = mesh.points[mesh.corners], [int(body) for body in (first, second) if body >= 0]
@@ -243,11 +247,11 @@ def _oblique(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
     count, forces = len(scene.contact), state.solution.force[:, None] * rows.normal
     own = np.stack([np.bincount(rows.contact, column, count) for column in forces.T], axis=1)
     total = scene.mirrors.force(rows.prolongation.comm.allreduce(own))
-    for index, pair in enumerate(scene.contact):
-        x, y, z = force = total[index]
-        size, direction = float(np.linalg.norm(force)), pair.unit_direction
-        if direction is None or pair.obstacle is not None or not size:
+    for pair, there, force in zip(scene.contact, scene.oriented, total):
+        size, direction, of_rows = float(np.linalg.norm(force)), pair.unit_direction, there.unit_direction
+        if direction is None or of_rows is None or pair.obstacle is not None or not size:
             continue
+        x, y, z = force = force * np.sign(direction @ of_rows)  # rows may lie on the second surface
         missed = 1 - float(direction @ force) / size
         if missed > MISSED:
             message = (
