@@ -146,9 +146,11 @@ SIDES = (("left", "x"), ("front", "y"))
 @pytest.mark.parametrize("pressures, is_growing", [([1, 2, 3, 4], True), ([1, 2, 3, 3.1], False), ([1, 2, 3], False)])
 def test_growing_pressure(pressures, is_growing):
     """More than 5 % on each of three refinements; not before contact."""
-    found = growing_pressure("cubes", pressures)
-    assert [one.kind for one in found] == ["growing pressure"] * is_growing
-    assert not growing_pressure("cubes", [0.0, *pressures[1:]][-4:])
+    for closed, cause in ((28, "sharp edge"), (3, "3 closed node pairs on the mesh before do not resolve it")):
+        found = growing_pressure("cubes", pressures, [1, 2, closed, 100][-len(pressures) :])
+        assert [one.kind for one in found] == ["growing pressure"] * is_growing
+        assert all(cause in one.message for one in found)
+    assert not growing_pressure("cubes", [0.0, *pressures[1:]][-4:], [50] * 4)
 
 
 def test_one_object_for_a_tuple():

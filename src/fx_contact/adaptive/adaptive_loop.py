@@ -308,8 +308,8 @@ class Run:
             del state
         self._last.update(forest=start.forest, displacement=start.displacement)
         step = solve_step(settings, len(self.records), start, partition, stages)
-        pressures = [record.max_pressure for record in (*self.records, step.record)]
-        growing = growing_pressure(settings.scene.name, pressures)
+        figures = [(record.max_pressure, record.active_pairs) for record in (*self.records, step.record)]
+        growing = growing_pressure(settings.scene.name, *zip(*figures))
         if growing:
             step = replace(step, record=replace(step.record, doubts=[*step.record.doubts, *growing]))
         self.step = step

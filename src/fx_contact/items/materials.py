@@ -128,17 +128,17 @@ class Orthotropic:
                 "along i?"
             )
         # The volume locks if two deviatoric modes at least are soft against it.  With a single one, as the rolling shear
-        # of wood, other strains without change of volume are as stiff as the volume strain, and its projection would
-        # not help.  K / G of an isotropic material is 2 (1 + nu) / (3 (1 - 2 nu)).
+        # of wood, other strains without change of volume are as stiff as the volume strain: projecting that alone
+        # would not help.  K / G of an isotropic material is 2 (1 + nu) / (3 (1 - 2 nu)).
         bulk, most = 1 / self._compliance[:3, :3].sum(), 2 * (1 + LOCKING_POISSON) / (3 * (1 - 2 * LOCKING_POISSON))
         weights, deviator = np.sqrt([1, 1, 1, 0.5, 0.5, 0.5]), np.eye(6)  # in the notation of Kelvin
         deviator[:3, :3] -= 1 / 3
         modes = np.linalg.eigvalsh(deviator @ (self._compliance * np.outer(weights, weights)) @ deviator)  # 1 / (2 G)
-        if bulk * 2 * modes[-2] > most:
+        ratio = 2 * bulk * modes[-2]
+        if ratio > most:
             raise SceneError(
-                f"an Orthotropic whose bulk modulus is {bulk * 2 * modes[-2]:.3g} times the shear modulus of the second "
-                f"softest of its shears is nearly incompressible, and would lock: limit {most:.3g}, that of "
-                f"nu = {LOCKING_POISSON}"
+                f"an Orthotropic whose bulk modulus is {ratio:.3g} times two of its shear moduli (of deviatoric modes) "
+                f"is nearly incompressible, and would lock: limit {most:.3g}, that of nu = {LOCKING_POISSON}"
             )
 
     @property

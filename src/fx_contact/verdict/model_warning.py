@@ -26,6 +26,8 @@ MISSED = 0.01
 #: 1 % from 28 closed pairs on (studies.goals.pressures), below a rounded edge once by 19 % (studies/goals).
 GROWTHS = 3
 GROWTH = 0.05
+#: Closed pairs from which on a mesh resolves round contact, in the modelled part.
+RESOLVED = 28
 
 
 @dataclass(frozen=True)
@@ -70,12 +72,13 @@ def check_model_warnings(warnings: Sequence[ModelWarning], allow: Sequence[str])
             )
 
 
-def growing_pressure(scene: str, pressures: Sequence[float]) -> list[ModelWarning]:
+def growing_pressure(scene: str, pressures: Sequence[float], closed: Sequence[int]) -> list[ModelWarning]:
     """A largest pressure of all contacts that has grown on each of the last meshes.  Local.
 
     Args:
         scene: its name.
         pressures: largest one of each step so far [Pa].
+        closed: number of closed pairs of each step.
     """
     values = pressures[-GROWTHS - 1 :]
     if len(values) <= GROWTHS or not all(values):
@@ -83,8 +86,11 @@ def growing_pressure(scene: str, pressures: Sequence[float]) -> list[ModelWarnin
     growth = min(new / old - 1 for old, new in zip(values, values[1:]))
     if growth <= GROWTH:
         return []
+    cause = "at a sharp edge it is infinite"
+    if closed[-2] < RESOLVED:
+        cause = f"{closed[-2]} closed node pairs on the mesh before do not resolve it ({RESOLVED} do round contact)"
     message = (
         f"the largest contact pressure has grown by {growth:.0%} or more on each of the last {GROWTHS} meshes, from "
-        f"{values[0]:.4g} to {values[-1]:.4g}: at a sharp edge it is infinite; limit {GROWTH:.0%}"
+        f"{values[0]:.4g} to {values[-1]:.4g}: {cause}; limit {GROWTH:.0%}"
     )
     return [ModelWarning("growing pressure", growth, GROWTH, scene, message)]
