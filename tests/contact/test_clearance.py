@@ -13,12 +13,12 @@ from fx_contact import (
     Material,
     Scene,
     SymmetryPlane,
-    ValidityError,
     adapt,
     block,
     join,
     root_mesh_from_shapes,
     solve,
+    sweep,
 )
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
@@ -70,11 +70,13 @@ def test_pressed_spheres():
     assert 0 < record.max_pressure / lame() - 1 < 0.02
 
 
-def test_no_load():
-    """Play, or no interference, loads nothing."""
-    for clearance in (0.0, DEPTH):
-        with pytest.raises(ValidityError, match="nothing loads"):
-            solve(spheres(clearance), 0.1)
+def test_path_through_zero():
+    """Play, or no interference, loads nothing: the solution is zero, with a doubt."""
+    points = list(sweep(spheres, [-DEPTH, 0.0, DEPTH], 0.1, degree=1))
+    kinds = [[doubt.kind for doubt in point.step.record.doubts] for point in points]
+    assert kinds == [[], ["no load", "no contact"], ["no load", "no contact"]]
+    assert points[0].step.record.force > 0
+    assert all(point.step.record.force == 0 and point.step.record.reached for point in points[1:])
 
 
 def blocks(play=0.0, clearance=0.0, bulge=0.0, approach=0.03, cells=(2, 2, 1)):

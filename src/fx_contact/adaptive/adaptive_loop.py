@@ -14,7 +14,7 @@ from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.adaptive.step_report import print_row, table_head, table_row
-from fx_contact.adaptive.step_solver import HISTORY, solve_step
+from fx_contact.adaptive.step_solver import solve_step
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.estimate.error_control import ErrorControl
 from fx_contact.estimate.quantities import Quantity
@@ -153,7 +153,7 @@ def _check_start(
     settings: Settings, comm: MPI.Intracomm, beginning: Beginning | State | None, restart: Checkpoint | None
 ) -> None:
     """Raises SceneError or CheckpointError unless a run can begin there, ValidityError without loads.  Local."""
-    if not isinstance(beginning, State) or HISTORY not in beginning.fields:
+    if not settings.scene.contact:  # without loads contact may be open, as on a path through zero
         check_model_warnings(load_warnings(settings.scene), settings.allow)
     starts: tuple[tuple[str, object, type], ...]
     starts = ("restart", restart, Checkpoint), ("beginning", beginning, Beginning)

@@ -236,7 +236,7 @@ def _assess(
     residual = _checked_residual(state, discrete)
     warnings = load_warnings(state.scene) if HISTORY not in start.fields else []  # a last increment may have none
     warnings += [*warnings_of_state(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
-    check_model_warnings(warnings, settings.allow)
+    check_model_warnings(warnings, (*settings.allow, "no load"))  # refused at the beginning
     figures = figures_of_contact(state.scene, state.rows, solution, comm)
     resultants = sum_up(state, residual, discrete.load_totals, np.array(figures.contact_centre))
     met = settings.control.sought(state.estimate, tolerance, start.effectivity) is None

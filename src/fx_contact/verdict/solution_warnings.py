@@ -251,8 +251,8 @@ def _oblique(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
         size, direction, of_rows = float(np.linalg.norm(force)), pair.unit_direction, there.unit_direction
         if direction is None or of_rows is None or pair.obstacle is not None or not size:
             continue
-        x, y, z = force = force * np.sign(direction @ of_rows)  # rows may lie on the second surface
-        missed = 1 - float(direction @ force) / size
+        x, y, z = map(float, np.sign(direction @ of_rows) * force)  # rows may lie on the second surface
+        missed = 1 - float(of_rows @ force) / size
         if missed > MISSED:
             message = (
                 f"the force of {pair.label} is its component along `direction`, {percent(missed)} less than the "
