@@ -127,8 +127,8 @@ class Orthotropic:
                 "(E_i / E_j)^(1/2), and all three together smaller; is nu_ij the contraction along j under tension "
                 "along i?"
             )
-        # The volume locks if two deviatoric modes at least are soft against it.  With a single one, as the rolling shear
-        # of wood, other strains without change of volume are as stiff as the volume strain: projecting that alone
+        # The volume locks if at least two deviatoric modes are soft against it.  With a single one, as the rolling
+        # shear of wood, other strains without change of volume are as stiff as the volume strain: projecting that alone
         # would not help.  K / G of an isotropic material is 2 (1 + nu) / (3 (1 - 2 nu)).
         bulk, most = 1 / self._compliance[:3, :3].sum(), 2 * (1 + LOCKING_POISSON) / (3 * (1 - 2 * LOCKING_POISSON))
         weights, deviator = np.sqrt([1, 1, 1, 0.5, 0.5, 0.5]), np.eye(6)  # in the notation of Kelvin

@@ -131,7 +131,8 @@ class RigidCone(Obstacle):
     Attributes:
         apex: [m].
         axis: from the apex into the obstacle, of any length [-].
-        angle: between the axis and the surface, half of the opening [degrees].
+        angle: between the axis and the surface, half of the opening [degrees]; 135 with the axis down, into the
+            obstacle, is a seat of 90 degrees that opens upwards.
     """
 
     name = "rigid cone"
@@ -146,7 +147,8 @@ class RigidCone(Obstacle):
         angle = check_degrees("the angle of a rigid cone", self.angle)
         if not (0 < angle < 180 and angle != 90):
             raise SceneError(
-                f"the angle of a rigid cone must be 0 to 180 degrees and not 90 (a plane), got {angle:g}"
+                f"the angle of a rigid cone, from its axis to its surface, must be 0 to 180 degrees and not 90 (a "
+                f"plane), got {angle:g}: below 90 for a tip, above 90 for a seat, as 135 with the axis down into it"
             )
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:

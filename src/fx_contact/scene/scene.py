@@ -37,7 +37,7 @@ class Scene(SceneItems):
         materials: by the names of the mesh's `regions`: bodies, and parts of bodies.
         dirichlet: prescribed displacements and symmetry planes.
         contact: a facet is in at most one of them.
-        tractions: those on one surface add up.
+        tractions: those on one surface add up; equal ones are an error, as of the other loads.
         symmetry: number of symmetric parts that planes without normal displacement make by reflection, one of which
             is modelled (4 for a quarter model).  Total forces in the
             records are those of all parts, vectors only if symmetry planes define the other parts (`mirrors`).
@@ -56,11 +56,12 @@ class Scene(SceneItems):
     Raises:
         SceneError: an unknown body or place; a body or part without material; an unconstrained body; a prescribed
             displacement that is not finite, across a symmetry plane, or different from another one at a node; a load
-            that is not finite; a load or springs on prescribed displacements alone; a symmetry plane that is not plane,
-            cuts a body, or has facets of a contact; a number of parts that planes of symmetry do not make; two contacts
-            of one name; an obstacle with most of a body inside it, behind the surface, or farther away than all bodies
-            are large; a force that pulls an obstacle away, or across a symmetry plane; tied surfaces that lie apart; a
-            preloaded section that is not plane across its axis; materials and constant strains that mirrors change.
+            that is not finite, or equal to another one; a load or springs on prescribed displacements alone; a symmetry
+            plane that is not plane, cuts a body, or has facets of a contact; a number of parts that planes of symmetry
+            do not make; two contacts of one name; an obstacle with most of a body inside it, behind the surface, or
+            farther away than all bodies are large; a force that pulls an obstacle away, or across a symmetry plane;
+            tied surfaces that lie apart; a preloaded section that is not plane across its axis; materials and constant
+            strains that mirrors change.
     """
 
     def __post_init__(self) -> None:

@@ -102,7 +102,13 @@ def check_springs(scene: SceneItems) -> None:
 
 
 def check_loads(scene: SceneItems) -> None:
-    """Raises SceneError for a surface force, or springs, that conditions hold entirely; tries functions of position."""
+    """Raises SceneError for equal loads, and those that conditions hold entirely; tries functions of position."""
+    known: list[list[object]] = []
+    for load in (*scene.tractions, *scene.springs, *scene.body_forces, *scene.strains):
+        value = [type(load), *(v if callable(v) else np.asarray(v).tolist() for v in vars(load).values())]
+        if value in known:
+            raise SceneError(f"{load.what} is given twice with one value, and would double: leave one of them out")
+        known.append(value)
     for load, share in zip((*scene.tractions, *scene.springs), scene.held_shares):
         if share > 1 - _ROUNDING:
             raise SceneError(
@@ -183,7 +189,8 @@ def check_obstacles(scene: SceneItems) -> None:
                 raise SceneError(
                     f"{contact.name!r}: {inside:.0%} of body {mesh.bodies[body]!r} is inside the obstacle; turn the "
                     "normal of a plane out of the obstacle, change the sign of a radius (negative: the body is "
-                    "inside), or move it"
+                    "inside), point the axis of a cone into the obstacle, with the angle from there to its surface "
+                    "(above 90 degrees for a seat), or move it"
                 )
         if (np.einsum("nmi,ni->nm", towards.reshape(len(facets), -1, 3), mesh.outward_normals(facets)) <= 0).all():
             raise SceneError(
