@@ -227,6 +227,33 @@ def test_a_ball_pressed_into_a_block():
     assert abs(record.force / (4 / 3 * modulus * depth**1.5) - 1) < 0.1
 
 
+def test_three_ways_to_say_a_ball():
+    """The force of a ball is (1 - 2 nu) a / (pi (1 - nu) R) above that of vertical normals, to first order in a / R.
+
+    The surface moves inward by u = (1 - 2 nu) (1 + nu) a^2 p_0 (1 - (1 - r^2 / a^2)^1.5) / (3 E r) (K. L. Johnson,
+    Contact Mechanics, 1985, equation 3.41b), and the slope is r / R: the energy grows by the integral of p u r / R,
+    which is proportional to the third power of the approach, and the force by its derivative.
+    """
+    depth, nu, shape = 0.01, MATERIAL.poisson, block((0, 0, -1), (1.6, 1.6, 0), (4, 4, 3), 1)
+    held = SymmetryPlane("block left"), SymmetryPlane("block front"), Dirichlet("block bottom", 0.0, 0.0, 0.0)
+    scene = Scene("ball", root_mesh_from_shapes({"block": shape}), {"block": MATERIAL}, held, symmetry=4)
+
+    def down(x):
+        return np.stack([0 * x[0], 0 * x[0], 0 * x[0] - 1])
+
+    ball, parabola, vertical = (
+        solve(replace(scene, contact=ContactPair("block top", way, moved=(0, 0, -depth))), 0.05).record.force
+        for way in (
+            RigidSphere((0.0, 0.0, 1.0), 1.0),
+            RigidSurface(lambda x: (x[0] ** 2 + x[1] ** 2) / 2 - x[2], down),
+            RigidSurface(lambda x: 1 - np.sqrt(np.maximum(1 - x[0] ** 2 - x[1] ** 2, 0.0)) - x[2], down),
+        )
+    )
+    ratio = 0.103  # a / R
+    assert ball / parabola - 1 == pytest.approx((1 - 2 * nu) / (np.pi * (1 - nu)) * ratio, rel=0.2)
+    assert abs(vertical / parabola - 1) < ratio**2 / 4
+
+
 # -------------------------------------------------------------------------------------------------- bores and pins
 
 
