@@ -98,7 +98,7 @@ def _needs(forest, prolongation):
     )
     pattern = prolongation.matrix.astype(bool).astype(np.int8)
     leaf, face = forest.contact_faces()
-    first = forest.contact_surfaces.side[forest.cell[leaf], face] == 0
+    first = ~forest.pairing.second[forest.cell[leaf], face]
     leaf, face = leaf[first], face[first]
     facing = prolongation.find(space.facing(leaf, face).ravel())
     known = facing >= 0

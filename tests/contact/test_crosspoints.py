@@ -145,3 +145,80 @@ def test_uniform_pressure(name, degree):
     prolongation = step.elasticity.prolongation
     exact = STRAIN * prolongation.injected(prolongation.space.positions())
     assert np.abs(gathered(WORLD, step.solution.displacement - exact)).max() < 1e-10 * -STRAIN
+
+
+# ---------------------------------------------------------------------------------- several contacts on one surface
+
+
+def stamps(*pairs, modulus=1.0, base=(12, 3, 3), at=((0, 1), (3, 4)), ties=(), friction=0.0):
+    """Two stamps on a base, slices in plane strain, under `PRESSURE` and twice that; pairs of surfaces."""
+    bodies = {"base": block((0, 0, 0), (4, 1, 1), base, 1)}
+    bodies |= {name: block((a, 0, 1), (b, 1, 2), (4, 4, 4), 1) for name, (a, b) in zip(("one", "two"), at)}
+    held = [Dirichlet(f"{body} {side}", y=0.0) for body in bodies for side in ("front", "back")]
+    held += [Dirichlet(side, x=0.0) for side in ("base left", "base right", "one left", "two right")]
+    return Scene(
+        "stamps",
+        root_mesh_from_shapes(bodies),
+        {"base": Material(modulus, POISSON), "one": Material(1.0, POISSON), "two": Material(1.0, POISSON)},
+        [*held, Dirichlet("base bottom", z=0.0)],
+        [ContactPair(*pair, friction=friction) for pair in pairs],
+        [Pressure("one top", PRESSURE), Pressure("two top", 2 * PRESSURE)],
+        ties=ties,
+    )
+
+
+EACH = ("one bottom", "base top"), ("base top", "two bottom")
+#: Rows on the stamps or on the base; one facet of the base faces both stamps, or a part of one.
+PLACES = {}, {"modulus": 0.1}, {"base": (3, 3, 3), "at": ((0.4, 1.4), (1.6, 2.6))}
+PLACES += ({"base": (3, 2, 2), "at": ((0.4, 1.4), (1.6, 2.6)), "modulus": 0.1},)
+
+
+def vertical(step, kind="contact"):
+    """Vertical forces of the resultants of a kind."""
+    return [abs(one.force[2]) for one in step.record.resultants if one.kind == kind]
+
+
+@pytest.mark.parametrize("place", PLACES, ids=["stamps", "base", "one facet", "one facet, base"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_two_stamps(degree, place):
+    """One surface in two pairs, first or second: each has the load of its stamp; a union has the sum."""
+    options = dict(tolerance=0.1, degree=degree, max_steps=2)
+    step = adapt(stamps(*EACH, **place), **options).last_step()
+    assert vertical(step) == pytest.approx([PRESSURE, 2 * PRESSURE], rel=1e-6)
+    both = adapt(stamps((("one bottom", "two bottom"), "base top"), **place), **options).last_step()
+    assert vertical(both) == pytest.approx([3 * PRESSURE], rel=1e-6)
+    assert "one bottom + two bottom on base top" in str(both)
+
+
+def test_a_tie_beside_contact():
+    """A stamp is glued, the other one in contact with friction, on the same surface."""
+    scene = stamps(EACH[1], ties=(Tie(*EACH[0]),), friction=0.3)
+    step = adapt(scene, 0.1, degree=1, max_steps=2).last_step()
+    assert vertical(step) == pytest.approx([2 * PRESSURE], rel=1e-6)
+    assert vertical(step, "tie") == pytest.approx([PRESSURE], rel=1e-6) and step.record.active_pairs > 0
+
+
+def test_a_half_closed_crack():
+    """One surface, glued on its left half and in contact on its right: as with halves of both surfaces in each."""
+    found = []
+    for base in ("base top", "base half"):
+        upper = block((0, 0, 1), (1, 1, 2), (4, 4, 4), 1)
+        upper = upper.named("left half", "bottom", where=lambda x: x[0] < 0.5 + 1e-9)
+        upper = upper.named("right half", "bottom", where=lambda x: x[0] > 0.5 - 1e-9)
+        lower = block((0, 0, 0), (1, 1, 1), (2, 3, 3), 1)
+        lower = lower.named("half", "top", where=lambda x: x[0] < 0.5 + 1e-9)
+        lower = lower.named("other", "top", where=lambda x: x[0] > 0.5 - 1e-9)
+        mesh = root_mesh_from_shapes({"upper": upper, "base": lower})
+        second = "base top" if base == "base top" else "base other"
+        scene = Scene(
+            "crack",
+            mesh,
+            dict.fromkeys(("upper", "base"), Material(1.0, 0.0)),
+            [Dirichlet("base bottom", 0.0, 0.0, 0.0)],
+            [ContactPair("upper right half", second)],
+            [Pressure("upper top", PRESSURE)],
+            ties=(Tie("upper left half", base),),
+        )
+        step = adapt(scene, 0.9, degree=1, max_steps=1).last_step()
+        found.append(vertical(step) + vertical(step, "tie"))
+    assert found[0] == pytest.approx([PRESSURE / 2] * 2, rel=1e-6) == found[1]

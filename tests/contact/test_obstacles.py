@@ -35,7 +35,6 @@ from fx_contact import (
     root_mesh_from_shapes,
     solve,
 )
-from fx_contact.parallel.errors import PairingError
 from fx_contact.plot import draw_bodies, draw_mesh, plotter_for
 from fx_contact.results.contact_surface import contact_grid
 from fx_contact.results.report import model_warnings
@@ -410,11 +409,30 @@ def with_contacts(*contacts):
     return replace(on_obstacle(FLOOR), contact=contacts)
 
 
+@all_ranks
 def test_two_obstacles_on_one_facet():
-    """An error says which facet, and what to do."""
-    pairs = ContactPair("block bottom", FLOOR), ContactPair("block bottom", RigidSphere((0.5, 0.5, -1.0), 1.0))
-    with pytest.raises(PairingError, match="in two contact pairs.*rigid plane.*rigid sphere.*split the surface"):
-        with_contacts(*pairs).contact_surfaces
+    """A surface in two pairs, in a groove of two planes, as its halves in one each; the same pair twice is an error."""
+    shape = ball(1.0, 2, 3, octants=2).placed(lambda x: (x[0], -x[1], -x[2]))
+    shape = shape.named("left", "outside", where=lambda x: x[1] < 1e-9).named(
+        "right", "outside", where=lambda x: x[1] > -1e-9
+    )
+    mesh = root_mesh_from_shapes({"ball": shape.named("again", "outside")})
+    held = Dirichlet("ball z = 0", 0.0, 0.0, -0.01), SymmetryPlane("ball x = 0")
+    forces = []
+    for names in (("ball outside", "ball again"), ("ball left", "ball right")):
+        planes = (RigidPlane((0, sign * 2**-0.5, -(2**-0.5)), (0, -sign, 1)) for sign in (-1, 1))
+        pairs = [ContactPair(name, plane) for name, plane in zip(names, planes)]
+        step = adapt(Scene("groove", mesh, {"ball": MATERIAL}, held, pairs, symmetry=2), 0.3, degree=1, max_steps=2)
+        forces.append([one.force for one in step.last_step().record.resultants if one.kind == "contact"])
+    (_, y, z), (_, other, same) = forces[0]
+    assert (
+        np.allclose(*forces, rtol=1e-8, atol=1e-8 * abs(z))
+        and y == pytest.approx(-other)
+        and z == pytest.approx(same)
+    )
+    assert abs(y) == pytest.approx(abs(z)) and z < 0
+    with pytest.raises(SceneError, match="two contacts have the name .*: name a surface anew"):
+        with_contacts(*2 * [ContactPair("block bottom", FLOOR)])
 
 
 @all_ranks

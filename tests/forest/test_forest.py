@@ -36,7 +36,7 @@ SCENES = {}, dict(upper=(1, 2, 1), margin=1), dict(margin=1, flat_contact=False)
 @pytest.fixture(params=SCENES, ids=["alike", "wider", "wider, in plane"])
 def scene(request):
     scene = pressed(two_boxes(**request.param))
-    assert (scene.contact_surfaces.contact >= 0).any()
+    assert scene.contact_surfaces.every.any()
     return scene
 
 
@@ -56,7 +56,7 @@ def edge_points(forest, numerator):
 def facing_vertices(forest):
     """Keys of all vertices of first contact surfaces and of those that face them, distinct rows."""
     leaf, face = forest.contact_faces()
-    own = forest.contact_surfaces.side[forest.cell[leaf], face] == 0
+    own = ~forest.pairing.second[forest.cell[leaf], face]
     leaf, face = leaf[own], face[own]
     points = forest.corners[leaf[:, None], hexahedron.FACE_CORNERS[face]]
     cell, _, opposite = forest.pairing.opposite(forest.cell[leaf], face, points)
@@ -111,7 +111,7 @@ def test_marked_leaves_and_no_others_without_need(scene):
     everywhere((fine.level == expected).all(), "a level grew by more than one")
     everywhere((fine.cell == forest.cell[children.parent]).all(), "a leaf left its root cell")
     start = roots(scene)
-    fine, _ = start.refined(start.cell == np.flatnonzero((scene.contact_surfaces.contact < 0).all(axis=1))[0])
+    fine, _ = start.refined(start.cell == np.flatnonzero(~scene.contact_surfaces.every.any(axis=1))[0])
     assert fine.size_global == start.size_global + 7, "an unpaired root cell away from the rim took others along"
 
 
@@ -130,7 +130,7 @@ def test_refined_repeatedly(scene):
 
 def test_finest_level(scene):
     """Refinement to one corner of a paired root cell stops at the finest level, then raises on all ranks."""
-    cell = int(scene.contact_surfaces.facets(0)[0, 0])
+    cell = int(scene.contact_surfaces.table[0, 2])
     forest = roots(scene)
     for _ in range(MAX_LEVEL - 1):
         forest, _ = forest.refined(corner_marks(forest, cell, 3))

@@ -60,7 +60,7 @@ def test_pairs_through_refinement(kind, make):
         forest, _ = repartition(forest, None, kind)
         leaf, face = forest.contact_faces()
         cell, anchor = forest.pairing.partners(forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
-        first = forest.contact_surfaces.side[forest.cell[leaf], face] == 0
+        first = ~forest.pairing.second[forest.cell[leaf], face]
         apart = WORLD.allreduce(int((find_leaves(forest, cell, anchor) < 0)[first].sum()))
         assert PartitionSummary.of(forest, kind).split_pairs == apart
         assert apart == 0 or kind not in KEEPING

@@ -315,7 +315,7 @@ def not_a_number():
 #: Functions of no argument by the error that they must end with, and words of its message.
 CASES = {
     SceneError: [
-        (one_name_twice, "two contacts have the name 'a on b on c': rename"),
+        (one_name_twice, "two contacts have the name 'a on b on c': name a surface anew"),
         (lambda: RootMesh(*grid(2), ("a",), [0, 0], {"inner": [[0, 5]]}), "'inner'"),
         (lambda: RootMesh(*grid(), ("a",), [1]), "for the numbers [1]"),
         (lambda: RootMesh(*grid(order=2), ("a",), [0], {}, {"mid": [13]}), "'mid' is not a corner"),
@@ -396,7 +396,7 @@ CASES = {
     PairingError: [
         (
             lambda: with_surface("over", [[1, 0], [0, 5]]),
-            "root cell 0 is on both sides of 'under on over'; leave it out",
+            "1 facets are on both sides of 'under' on 'over', the first near",
         )
     ],
     SolveError: [

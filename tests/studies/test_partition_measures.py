@@ -80,7 +80,7 @@ def by_search(forest):
     needs = [set().union(*(masters[key] for key in row)) for row in keys]
     conforming, joined = set(column), []
     for leaf, face in zip(*forest.contact_faces()):
-        if forest.contact_surfaces.side[forest.cell[leaf], face] == 0:
+        if not forest.pairing.second[forest.cell[leaf], face]:
             one = np.array([leaf]), np.array([face])
             points = forest.corners[one[0][:, None], FACE_CORNERS[one[1]]]
             cell, _, opposite = forest.pairing.opposite(forest.cell[one[0]], one[1], points)

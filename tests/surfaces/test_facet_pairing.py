@@ -65,6 +65,6 @@ def test_nodes_must_face_nodes(direction, amount):
 def test_direction_of_facets(direction, expected):
     """They face others along the direction that is given, whatever its length, else along their normals."""
     scene = pressed(two_boxes(distortion=0.0), direction=direction)
-    cell, face = np.nonzero(scene.contact_surfaces.side == 0)
-    found = scene.contact_directions(np.stack([cell, face], axis=1))
+    facets = np.argwhere(scene.contact_surfaces.on(0, 0))
+    found = scene.contact_directions(np.zeros(len(facets)), facets)
     assert len(found) and np.allclose(found, expected, rtol=0, atol=1e-14)

@@ -91,8 +91,7 @@ class RowKind(ABC):
     def facets(self, forest: Forest) -> tuple[Int64Array, Int64Array]:
         """This rank's leaf facets on the first surface: (n,) leaves, (n,) local faces.  Local."""
         leaf, face = forest.contact_faces()
-        cell, surfaces = forest.cell[leaf], forest.contact_surfaces
-        ours = (surfaces.side[cell, face] == 0) & (surfaces.contact[cell, face] == self.index)
+        ours = forest.contact_surfaces.on(self.index, 0)[forest.cell[leaf], face]
         return leaf[ours], face[ours]
 
     @abstractmethod

@@ -62,7 +62,8 @@ class MortarRows(RowKind):
 
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
         """As `RowKind.columns`, without rows that yield.  Collective."""
-        multipliers, normal = self._multipliers(prolongation), mean_normals(prolongation, self.index)
+        multipliers, facing = self._multipliers(prolongation), prolongation.space.forest.facing[self.index]
+        normal = mean_normals(prolongation, facing.leaf, facing.face)
         yielding = self._precedence(prolongation).yields(normal, Role.NORMAL)
         kept = _not_yielding(multipliers, prolongation, yielding[:, None])
         return self._columns(prolongation, enforcement, multipliers, kept[:, 0])

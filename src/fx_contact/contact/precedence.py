@@ -6,16 +6,13 @@ of node pairs and obstacles never yield, and come before those that do.  They ma
 cross; which of them are depends on what is closed, and the projection solves them in the least-squares sense.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.fem.dirichlet import SAME_PLANE, held_nodes
 from fx_contact.fem.prolongation import Prolongation
-from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.items.contact import SMOOTH
-from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, IntArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array
 from fx_contact.scene.scene import Scene
 
 
@@ -31,11 +28,12 @@ class Precedence:
         rank = np.where(ties, every, every + len(every))
         before = (every != index) & ((rank < rank[index]) | ~np.isin(every, list(scene.pairing.nonmatching)))
         _add_conditions(scene, prolongation, across)
-        here = _on_surfaces(prolongation, lambda contact, _: (before & ties)[contact])[0]
-        across[here[here >= 0]] += np.eye(3).ravel()
+        for other in np.flatnonzero(before & ties):
+            here = _nodes(prolongation, *_acting(prolongation, other))
+            across[here[here >= 0]] += np.eye(3).ravel()
         across = prolongation.ghosted(prolongation.summed(across)).reshape(-1, 3, 3)
         for other in np.flatnonzero(before & ~ties & ~ties[index]):
-            normal = mean_normals(prolongation, other)
+            normal = mean_normals(prolongation, *_acting(prolongation, other, index))
             across += normal[:, :, None] * normal[:, None]
         self.held = _projectors(across)
 
@@ -72,26 +70,35 @@ def _projectors(across: FloatArray) -> FloatArray:
     return held
 
 
-def mean_normals(prolongation: Prolongation, index: int) -> FloatArray:
-    """Mean unit normals of a contact at the nodes of its rows, 0 elsewhere: (owned + ghosts, 3).  Collective."""
-    sides = 1 if index in prolongation.space.forest.contact_surfaces.nonmatching else 2
-    here, facets = _on_surfaces(prolongation, lambda contact, side: (contact == index) & (side < sides))
-    outward, result = np.repeat(facets.mean_outward, here.shape[1], axis=0), prolongation.zeros(3)
+def mean_normals(prolongation: Prolongation, leaf: Int64Array, face: Int64Array) -> FloatArray:
+    """Mean unit normals of leaf facets at their nodes, 0 elsewhere: (owned + ghosts, 3).  Collective."""
+    here, result = _nodes(prolongation, leaf, face), prolongation.zeros(3)
+    outward = prolongation.space.forest.facets(leaf, face).mean_outward
     some = np.flatnonzero(here.ravel() >= 0)
-    np.add.at(result, here.ravel()[some], outward[some])
+    np.add.at(result, here.ravel()[some], np.repeat(outward, here.shape[1], axis=0)[some])
     result = prolongation.ghosted(prolongation.summed(result))
     return np.asarray(result / np.maximum(np.linalg.norm(result, axis=1), np.finfo(float).tiny)[:, None])
 
 
-def _on_surfaces(
-    prolongation: Prolongation, wanted: Callable[[IntArray, IntArray], BoolArray]
-) -> tuple[Int32Array, LeafFacets]:
-    """Conforming nodes (n, (p+1)^2), -1 where they hang, and leaf facets by contact and side.  Local."""
-    space, forest = prolongation.space, prolongation.space.forest
+def _nodes(prolongation: Prolongation, leaf: Int64Array, face: Int64Array) -> Int32Array:
+    """Conforming nodes (n, (p+1)^2) of facets, -1 where they hang.  Local."""
+    return prolongation.conforming[prolongation.space.on_faces(leaf, face)]
+
+
+def _acting(prolongation: Prolongation, other: int, index: int | None = None) -> tuple[Int64Array, Int64Array]:
+    """Leaf facets where an interface is before another one, by its index: leaves (n,) and local faces (n,).
+
+    Collective.  Facets that face those of the other side, if their meshes do not match, of a contact those with its
+    rows; else all, of a contact without those of the other interface, below which both may be open.
+    """
+    forest = prolongation.space.forest
+    surfaces, facing = forest.contact_surfaces, forest.facing.get(other)
+    if facing is not None:
+        one, two = facing.facing
+        return one if index is not None else (np.concatenate([one[0], two[0]]), np.concatenate([one[1], two[1]]))
     leaf, face = forest.contact_faces()
-    contact, side = (
-        of[forest.cell[leaf], face] for of in (forest.contact_surfaces.contact, forest.contact_surfaces.side)
-    )
-    some = wanted(contact, side)
-    leaf, face = leaf[some], face[some]
-    return prolongation.conforming[space.on_faces(leaf, face)], forest.facets(leaf, face)
+    wanted = surfaces.on(other)
+    if index is not None:
+        wanted &= ~surfaces.on(index)
+    some = wanted[forest.cell[leaf], face]
+    return leaf[some], face[some]

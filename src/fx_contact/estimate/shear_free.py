@@ -58,7 +58,7 @@ def find_shear_free(scene: Scene, forest: Forest, prolongation: Prolongation) ->
             prescribed[(*mesh.surfaces[condition.where].T, slice(3))] |= condition.held
     ties = (name for tie in scene.ties for name in tie.surfaces)
     for name in (*(force.surface for force in (*scene.tractions, *scene.springs, *scene.rigid_loads)), *ties):
-        loaded[tuple(mesh.surfaces[name].T)] = True
+        loaded[tuple(mesh.surface(name).T)] = True
     alone: BoolArray = (prescribed.sum(axis=2) == 1) & ~loaded
     for column in range(on.shape[1]):
         facets = np.argwhere(alone & prescribed[:, :, column])

@@ -237,7 +237,7 @@ def _claims(space: Space) -> tuple[Int8Array, Int64Array]:
     claim, ballot = np.zeros(len(space), dtype=np.int8), space.keys.copy()
     claim[space.on_faces(*forest.contact_faces())] = 1
     leaf, face = forest.paired_faces()
-    second = forest.contact_surfaces.side[forest.cell[leaf], face] == 1
+    second = forest.pairing.second[forest.cell[leaf], face]
     leaf, face = leaf[second], face[second]
     ballot[space.on_faces(leaf, face)] = space.facing(leaf, face)
     return claim, ballot

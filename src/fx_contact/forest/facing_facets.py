@@ -11,6 +11,7 @@ from fx_contact.geometry.lattice import SIDE
 from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array
 from fx_contact.parallel.box_search import Boxes, meeting_boxes
+from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.mpi import Directory
 from fx_contact.surfaces.facet_pairing import leaf_code
 from fx_contact.surfaces.nonmatching import SAMPLES, NonmatchingSurfaces
@@ -72,6 +73,22 @@ class FacingFacets:
         mine = np.unique(self.leaves.boundary_faces(self.surfaces.second.facets)[0])
         codes = leaf_code(self.leaves.cell[mine], self.leaves.anchor[mine])
         return mine, Directory(self.leaves.comm, codes, self.leaves.homes.of_leaves)
+
+    @cached_property
+    def facing(self) -> tuple[tuple[Int64Array, Int64Array], tuple[Int64Array, Int64Array]]:
+        """This rank's leaves and local faces on the first surface, then on the second, that face the other one.
+
+        Collective at first use.
+        """
+        one, two = (np.unique(column) for column in self.pairs[self.faced].T)
+        away = Exchange(self.leaves.comm, self.rank[two])
+        codes = leaf_code(self.second.cell[two].astype(np.int32), self.anchor[two])
+        mine, mine_face = self.leaves.boundary_faces(self.surfaces.second.facets)
+        names = np.column_stack([leaf_code(self.leaves.cell[mine], self.leaves.anchor[mine]), mine_face])
+        asked = np.column_stack([away.forward(codes), away.forward(self.second.face[two])])
+        both = np.unique(np.concatenate([names, asked]), axis=0, return_inverse=True)[1].ravel()
+        there = np.isin(both[: len(mine)], both[len(mine) :])
+        return (self.leaf[one], self.face[one]), (mine[there], mine_face[there])
 
     @property
     def split(self) -> int:

@@ -18,6 +18,8 @@ from fx_contact.parallel.validation import check_name
 _CHUNK = 1 << 12
 #: Largest distance from a plane, relative to the size of the surface: rounding by the mesh generator.
 PLANE = 1e-6
+#: Between the names of surfaces in that of their union.
+UNION = " + "
 #: Order of the lattice of sampling points in a root cell.
 _SAMPLES = 5
 
@@ -102,13 +104,20 @@ class HexahedralMesh(Hexahedra):
         return self.parts[name] if name in self.parts else np.flatnonzero(self.body == self.bodies.index(name))
 
     def surface(self, name: str) -> Int32Array:
-        """Facets (n, 2) of a surface as (root cell, local face).  Raises SceneError if there is no such surface."""
-        check_name("surface", name, self.surfaces, "the root mesh has")
-        return self.surfaces[name]
+        """Facets (n, 2) of a surface, or of a union "a + b" of surfaces, as (root cell, local face).
+
+        Raises SceneError if there is no such surface.
+        """
+        if name in self.surfaces or UNION not in name:
+            check_name("surface", name, self.surfaces, "the root mesh has")
+            return self.surfaces[name]
+        return np.unique(np.concatenate([self.surface(part) for part in name.split(UNION)]), axis=0)
 
     def nodes_of(self, name: str) -> Int64Array:
         """Corner nodes (n,) of a surface, curve or vertex.  Raises SceneError if there is no such place."""
         known = [*self.surfaces, *self.curves, *self.vertices]
+        if UNION in name and name not in known:
+            return np.unique(self.corners[:, hexahedron.FACE_CORNERS][tuple(self.surface(name).T)])
         check_name("surface, curve or vertex", name, known, "the root mesh has")
         for groups, corners in ((self.surfaces, hexahedron.FACE_CORNERS), (self.curves, hexahedron.EDGE_CORNERS)):
             if name in groups:
@@ -118,8 +127,8 @@ class HexahedralMesh(Hexahedra):
 
     def samples(self, name: str) -> FloatArray:
         """Sampling points (n, 3) [m] of a surface, curve, vertex, body or part, for functions of position."""
-        if name in self.surfaces:
-            return self.facet_points(self.surfaces[name], _SAMPLES).reshape(-1, 3)
+        if name in self.surfaces or UNION in name:
+            return self.facet_points(self.surface(name), _SAMPLES).reshape(-1, 3)
         if name in self.curves:
             cells, edges = self.curves[name].T
             nodes = hexahedron.edge_nodes(_SAMPLES)[edges]
@@ -137,6 +146,10 @@ class HexahedralMesh(Hexahedra):
         functions = hexahedron.lagrange(self.order, np.linspace(0, 1, order + 1))
         values = hexahedron.tensor_evaluate((functions,) * 3, self.points[self.cells[facets[:, 0]]])
         return np.take_along_axis(values, hexahedron.face_nodes(order)[facets[:, 1]][:, :, None], axis=1)
+
+    def middle(self, facets: IntArray) -> FloatArray:
+        """Middle (3,) of the first of some facets (n, 2) [m].  Local."""
+        return np.asarray(self.facet_points(facets[:1]).mean(axis=(0, 1)))
 
     def outward_normals(self, facets: IntArray) -> FloatArray:
         """Mean outward unit normals (n, 3) [-] of facets (n, 2) as (root cell, local face)."""

@@ -7,6 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from fx_contact.geometry.hexahedral_mesh import UNION
 from fx_contact.items.friction import TangentialLaw, friction_law
 from fx_contact.items.motions import Approach, Motion
 from fx_contact.items.obstacles import Obstacle, RigidPlane
@@ -85,6 +86,19 @@ class Contact(ABC):
         return f" {self.JOINT} ".join([*names, *([] if self.obstacle is None else [self.obstacle.name])])
 
 
+def union(names: str | tuple[str, ...]) -> str:
+    """The name of the union of surfaces, "a + b", as `HexahedralMesh.surface` takes it.  Local.
+
+    Raises SceneError for what is no name, and no tuple of names.
+    """
+    every = (names,) if isinstance(names, str) else names
+    if not isinstance(every, tuple) or not every or not all(isinstance(name, str) for name in every):
+        raise SceneError(
+            f"a contact or tie takes a surface by its name, or several by a tuple of names, got {shown(names)}"
+        )
+    return UNION.join(every)
+
+
 class Coupling(Contact):
     """An interface whose rows are equations along all axes, always closed."""
 
@@ -113,6 +127,7 @@ class ContactPair(Contact):
     a `direction` or friction, or `moved` or `force` without an obstacle.
 
     Attributes:
+        first: the name of a surface; a tuple of names is the union of these.
         second: the other surface, or the obstacle.
         direction: from the first body to the second, of any length [-]; points face each other in this direction, and
             the contact force is summed along it.  None: closest points face each other, and magnitudes are summed,
@@ -125,8 +140,8 @@ class ContactPair(Contact):
         friction: coefficient mu of Coulomb's law [-], or another law, as Tresca(bound); 0: none.
     """
 
-    first: str
-    second: str | Obstacle
+    first: str | tuple[str, ...]
+    second: str | tuple[str, ...] | Obstacle
     direction: tuple[float, float, float] | None = None
     moved: tuple[float, float, float] = (0.0, 0.0, 0.0)
     clearance: float = 0.0
@@ -134,9 +149,10 @@ class ContactPair(Contact):
     friction: float | TangentialLaw = 0.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.first, str) or not isinstance(self.second, str | Obstacle):
+        if not isinstance(self.first, str | tuple) or not isinstance(self.second, str | tuple | Obstacle):
             wanted = "the name of a surface, then that of another one or an obstacle, as RigidSphere(centre, radius)"
             raise SceneError(f"a ContactPair takes {wanted}, got {shown(self.first)} and {shown(self.second)}")
+        _ = self.surfaces  # raises an error for other tuples
         if self.first == self.second:
             raise SceneError(f"surface {self.first!r} cannot be in contact with itself")
         check_vector(f"the displacement of the obstacle below {self.first!r}", self.moved)
@@ -168,11 +184,12 @@ class ContactPair(Contact):
     @property
     def surfaces(self) -> tuple[str, ...]:
         """Names of both surfaces, or of the one."""
-        return (self.first,) if isinstance(self.second, Obstacle) else (self.first, self.second)
+        first = union(self.first)
+        return (first,) if isinstance(self.second, Obstacle) else (first, union(self.second))
 
     def reversed(self) -> Self:
         """The contact of two surfaces with the second one first."""
-        assert isinstance(self.second, str)
+        assert not isinstance(self.second, Obstacle)
         x, y, z = self.direction or (0.0, 0.0, 0.0)
         direction = None if self.direction is None else (-x, -y, -z)
         return replace(self, first=self.second, second=self.first, direction=direction)

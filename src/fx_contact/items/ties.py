@@ -5,7 +5,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fx_contact.items.contact import Coupling
+from fx_contact.items.contact import Coupling, union
 from fx_contact.items.motions import Closing
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
@@ -23,22 +23,23 @@ class Tie(Coupling):
     Raises SceneError for a surface with itself.
 
     Attributes:
-        first, second: names of the surfaces, of two bodies or of one.
+        first, second: names of the surfaces, of two bodies or of one; tuples of names for their unions.
     """
 
     KIND: ClassVar[str] = "tie"
     JOINT: ClassVar[str] = "tied to"
 
-    first: str
-    second: str
+    first: str | tuple[str, ...]
+    second: str | tuple[str, ...]
 
     def __post_init__(self) -> None:
-        if not isinstance(self.first, str) or not isinstance(self.second, str):
+        if not isinstance(self.first, str | tuple) or not isinstance(self.second, str | tuple):
             raise SceneError(
                 f"a tie takes the names of two surfaces, got {shown(self.first)} and {shown(self.second)}"
             )
         if self.first == self.second:
             raise SceneError(f"surface {self.first!r} cannot be tied to itself")
+        _ = self.surfaces  # raises an error for other tuples
 
     def reversed(self) -> Self:
         """The tie with the second surface first."""
@@ -47,7 +48,7 @@ class Tie(Coupling):
     @property
     def surfaces(self) -> tuple[str, ...]:
         """Names of both surfaces."""
-        return self.first, self.second
+        return union(self.first), union(self.second)
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ def contact_faces(step: Step) -> tuple[Int64Array, Int64Array]:
     """Leaves (m,) and their local faces (m,) on surfaces of contact, not of ties.  Local."""
     forest = step.forest
     leaf, face = forest.contact_faces()
-    touches = ~step.scene.couplings[forest.contact_surfaces.contact[forest.cell[leaf], face]]
+    touches = forest.contact_surfaces.on(range(len(step.scene.contact)))[forest.cell[leaf], face]
     return leaf[touches], face[touches]
 
 

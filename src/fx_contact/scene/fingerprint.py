@@ -74,7 +74,7 @@ def item_fields(mesh: RootMesh, item: Any, place: str | None = None) -> list[Any
         elif is_dataclass(value):
             result += item_fields(mesh, value, values[0])
         else:
-            result += map(float, np.ravel(value))
+            result += (entry if isinstance(entry, str) else float(entry) for entry in np.ravel(value).tolist())
     return result
 
 

@@ -180,13 +180,12 @@ class SceneItems:
         object.__setattr__(other, "contact", tuple(moved))
         return other
 
-    def contact_directions(self, facets: IntArray) -> FloatArray:
-        """Unit vectors (n, 3) [-] from facets (n, 2) of first surfaces: the given direction or the mean normal."""
+    def contact_directions(self, contacts: IntArray, facets: IntArray) -> FloatArray:
+        """Unit vectors (n, 3) [-] from facets (n, 2) of contacts (n,): the given direction or the mean normal."""
         result = self.mesh.outward_normals(facets)
-        of = self.contact_surfaces.contact[facets[:, 0], facets[:, 1]]
         for index, contact in enumerate(self.oriented):
             if contact.unit_direction is not None:
-                result[of == index] = contact.unit_direction
+                result[contacts == index] = contact.unit_direction
         return result
 
     def prescribed(self, points: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from fx_contact.items.materials import Orthotropic
 from fx_contact.items.obstacles import RigidSurface
 from fx_contact.items.ties import Preload, Tie
 from fx_contact.items.units import pascals
-from fx_contact.parallel.arrays import FloatArray, Int64Array
+from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.scene.scene_items import SceneItems
 
@@ -131,8 +131,10 @@ def check_mirrored(scene: SceneItems) -> None:
             )
     for condition in scene.dirichlet:
         if isinstance(condition, SymmetryPlane):
-            joined = scene.contact_surfaces.contact[tuple(scene.mesh.surface(condition.surface).T)]
-            for index in joined[joined >= 0][:1]:
+            plane = np.zeros_like(scene.contact_surfaces.every)
+            plane[tuple(scene.mesh.surface(condition.surface).T)] = True
+            index, _, cell, face = scene.contact_surfaces.table.T
+            for index in index[plane[cell, face]][:1]:
                 raise SceneError(
                     f"{condition.surface!r} has facets of the symmetry plane and of {scene.interfaces[index].label}: "
                     "contact with the mirror image is that with a RigidPlane; else name these facets once"
@@ -175,8 +177,9 @@ def check_obstacles(scene: SceneItems) -> None:
     for contact in scene.contact:
         if contact.obstacle is None or not isinstance(contact, ContactPair):
             continue
-        facets = mesh.surface(contact.first)
-        distance, towards = contact.distances(scene.mesh.samples(contact.first))
+        (name,) = contact.surfaces
+        facets = mesh.surface(name)
+        distance, towards = contact.distances(scene.mesh.samples(name))
         nearest = distance.min()
         if nearest > _LARGEST_STRAIN * size:
             raise SceneError(
@@ -197,7 +200,7 @@ def check_obstacles(scene: SceneItems) -> None:
                 f"{contact.name!r}: the surface looks away from the obstacle; name the side that may touch it"
             )
         if isinstance(contact.obstacle, RigidSurface):
-            _check_slope(contact, scene.mesh.samples(contact.first), _STEP * size)
+            _check_slope(contact, scene.mesh.samples(name), _STEP * size)
         if contact.force is not None:
             _check_force(scene, contact, towards)
 
@@ -257,9 +260,7 @@ def check_ties(scene: SceneItems) -> None:
         part = np.nan_to_num(np.abs(distance)) / size
         worst = np.unravel_index(part.argmax(), part.shape)
         if part[worst] > _APART:
-            place = scene.mesh.facet_points(scene.mesh.surface(scene.oriented[index].surfaces[0])[[worst[0]]]).mean(
-                axis=(0, 1)
-            )
+            place = scene.mesh.middle(scene.mesh.surface(scene.oriented[index].surfaces[0])[worst[0] :])
             raise SceneError(
                 f"{tie.label}: the surfaces are {abs(distance[worst]):.3g} apart near {place}, {part[worst]:.2g} of "
                 f"the diagonal of their facets, limit {_APART:g}; move one, or name those parts only that face each "
@@ -269,7 +270,7 @@ def check_ties(scene: SceneItems) -> None:
 
 def _check_section(mesh: RootMesh, section: Preload) -> None:
     """Raises SceneError unless the first side of a preloaded section is plane, and the axis points out of it."""
-    cosines = mesh.outward_normals(mesh.surface(section.first)) @ section.unit_axis
+    cosines = mesh.outward_normals(mesh.surface(section.surfaces[0])) @ section.unit_axis
     if cosines.min() < 1 - PLANE:
         raise SceneError(
             f"{section.label}: the axis must point out of the first side, which must be plane across it; a normal "
@@ -297,17 +298,15 @@ def _between(scene: SceneItems, index: int) -> tuple[FloatArray, FloatArray]:
 def check_constrained(scene: SceneItems) -> None:
     """Raises SceneError for a rigid motion that no condition, contact or tie resists."""
     motions = scene.rigid_motions
-    first, opposite = _facing_bodies(scene)
-    direction = scene.contact_directions(first)
-    every = np.array([one.EQUALITY or one.tangential is not None for one in scene.interfaces] + [False])
-    tied = every[scene.contact_surfaces.contact[first[:, 0], first[:, 1]]]
-    axes = np.tile(np.eye(3), (int(tied.sum()), 1))
+    of, first, opposite = _facing_bodies(scene)
+    direction = scene.contact_directions(of, first)
+    every = np.array([one.EQUALITY or one.tangential is not None for one in scene.interfaces], dtype=bool)
+    tied, axes = every[of], np.tile(np.eye(3), (int(every[of].sum()), 1))
     direction = np.concatenate([direction[~tied], axes])
-    first, opposite = (
-        np.concatenate([facets[~tied], np.repeat(facets[tied], 3, axis=0)]) for facets in (first, opposite)
+    of, first, opposite = (
+        np.concatenate([values[~tied], np.repeat(values[tied], 3, axis=0)]) for values in (of, first, opposite)
     )
-    of = scene.contact_surfaces.contact[first[:, 0], first[:, 1]]
-    normal = np.array([one.unit_direction is None for one in scene.interfaces], dtype=bool) & ~every[:-1]
+    normal = np.array([one.unit_direction is None for one in scene.interfaces], dtype=bool) & ~every
     along_normals = normal[of]
     points = resisting_points(scene.mesh, first, direction, along_normals).reshape(-1, 3)
     here, there = (
@@ -331,19 +330,20 @@ def check_constrained(scene: SceneItems) -> None:
         )
 
 
-def _facing_bodies(scene: SceneItems) -> tuple[Int64Array, Int64Array]:
-    """Facets (n, 2) of first surfaces, and the bodies (n,) that they face, -1: an obstacle.
+def _facing_bodies(scene: SceneItems) -> tuple[IntArray, IntArray, IntArray]:
+    """Contacts (n,) of facets (n, 2) on first surfaces, and bodies (n,) that they face, -1: an obstacle.
 
     Without facets that face nothing.
     """
     surfaces = scene.contact_surfaces
-    first = surfaces.facets(0)
+    table = surfaces.table[surfaces.table[:, 1] == 0]
+    of, first = table[:, 0], table[:, 2:]
+    pairs = np.array([len(one.surfaces) == 2 for one in scene.interfaces], dtype=bool)[of]
     partner = scene.pairing.partner[first[:, 0], first[:, 1], 0]
-    body = np.full(surfaces.side.shape, -1, dtype=np.int64)
-    body[tuple(first.T)] = np.where(partner >= 0, scene.mesh.body[partner], -1)
-    for pair in surfaces.nonmatching.values():
+    bodies = np.where(pairs, scene.mesh.body[partner], -1)
+    for index, pair in surfaces.nonmatching.items():
         faced = pair.faced_samples.max(axis=1)  # any of them
         there = scene.mesh.body[pair.second.facets[faced, 0]]
-        body[tuple(pair.first.facets.T)] = np.where(faced >= 0, there, _NOTHING)
-    bodies = body[tuple(first.T)]
-    return first[bodies != _NOTHING], bodies[bodies != _NOTHING]
+        bodies[of == index] = np.where(faced >= 0, there, _NOTHING)
+    some = bodies != _NOTHING
+    return of[some], first[some], bodies[some]

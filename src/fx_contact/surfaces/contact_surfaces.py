@@ -1,14 +1,15 @@
-"""Root facets of the contact surfaces: index of the contact, and side.  All is local."""
+"""Root facets of the contact surfaces, by contact and side; a facet may be in several contacts.  All is local."""
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from fx_contact.geometry.lattice import root_faces
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.contact import Contact
-from fx_contact.items.ties import Tie
-from fx_contact.parallel.arrays import Int8Array, Int32Array, Int64Array
+from fx_contact.parallel.arrays import BoolArray, Int8Array, Int32Array, Int64Array
 from fx_contact.parallel.errors import PairingError
 from fx_contact.surfaces.nonmatching import NonmatchingSurfaces
 
@@ -16,46 +17,51 @@ from fx_contact.surfaces.nonmatching import NonmatchingSurfaces
 class ContactSurfaces:
     """The contact surfaces of a root mesh; the same on all ranks.
 
-    Raises SceneError for an unknown surface, PairingError for a facet in two contacts, or on both sides of one.
+    Raises SceneError for an unknown surface, PairingError for a facet on both sides of a contact, or two contacts of
+    the same facets.
 
     Attributes:
-        contact: (ncells, 6), index of the contact of each local face, -1 for none.
-        side: (ncells, 6), 0 on the first surface of a contact, 1 on the second, -1 on none.
+        table: (k, 4), facets as (index of the contact, side, root cell, local face), side 0 the first surface; by
+            index, then side.
         nonmatching: surfaces whose meshes do not match, by the index of the contact.
     """
 
     def __init__(
         self, mesh: RootMesh, contacts: Sequence[Contact], nonmatching: Mapping[int, NonmatchingSurfaces] = {}
     ) -> None:
-        self.nonmatching = nonmatching
-        shape = len(mesh.cells), 6
-        self.contact: Int32Array = np.full(shape, -1, dtype=np.int32)
-        self.side: Int8Array = np.full(shape, -1, dtype=np.int8)
+        self.nonmatching, self._shape = nonmatching, (len(mesh.cells), 6)
+        known, parts = dict[frozenset[str], Contact](), list[Int32Array]()
         for index, contact in enumerate(contacts):
             for side, name in enumerate(contact.surfaces):
-                cell, face = mesh.surface(name).T
-                taken = self.contact[cell, face]
-                if (taken >= 0).any():
-                    at = int((taken >= 0).argmax())
-                    other, place = contacts[taken[at]], f"face {face[at]} of root cell {cell[at]}"
-                    if taken[at] == index:
-                        raise PairingError(
-                            f"{place} is on both sides of {contact.name!r}; leave it out on one of them"
-                        )
-                    kinds = "contact pairs or ties" if isinstance(contact, Tie) else "contact pairs"
-                    raise PairingError(
-                        f"{place} is in two {kinds}, {other.name!r} and {contact.name!r}; split the surface so "
-                        "that each facet is in one"
-                    )
-                self.contact[cell, face], self.side[cell, face] = index, side
+                facets = mesh.surface(name)
+                parts.append(np.insert(facets, 0, np.tile([[index], [side]], len(facets)), axis=1))
+            other = known.setdefault(frozenset(contact.surfaces), contact)
+            if other is not contact and len(contact.surfaces) == 2:
+                raise PairingError(f"{other.label} and {contact.label} have the same surfaces: leave one of them out")
+        self.table: Int32Array = np.concatenate([np.empty((0, 4), dtype=np.int32), *parts])
+        for index, contact in enumerate(contacts):
+            both = np.argwhere(self.on(index, 0) & self.on(index, 1)).astype(np.int32)
+            if len(both):
+                raise PairingError(
+                    f"{len(both)} facets are on both sides of {contact.label}, the first near {mesh.middle(both)}: "
+                    "leave them out on one of them"
+                )
 
-    def facets(self, side: int) -> Int64Array:
-        """All root facets (n, 2) on one side, as (root cell, local face)."""
-        return np.argwhere(self.side == side)
+    def on(self, contacts: npt.ArrayLike, sides: npt.ArrayLike = (0, 1)) -> BoolArray:
+        """(ncells, 6), faces on some sides of some contacts, by index."""
+        index, side, cell, face = self.table.T
+        some, result = np.isin(index, contacts) & np.isin(side, sides), np.zeros(self._shape, dtype=bool)
+        result[cell[some], face[some]] = True
+        return result
+
+    @cached_property
+    def every(self) -> BoolArray:
+        """(ncells, 6), faces in any contact."""
+        return self.on(self.table[:, 0])
 
     def faces(self, cell: Int32Array, level: Int8Array, anchor: Int32Array) -> tuple[Int64Array, Int64Array]:
         """Faces of leaves on contact surfaces: indices (m,) of the leaves and local faces (m,), by leaf, then face."""
-        leaf, face = np.nonzero(root_faces(anchor, level) & (self.contact[cell] >= 0))
+        leaf, face = np.nonzero(root_faces(anchor, level) & self.every[cell])
         return leaf, face
 
     @property
@@ -65,8 +71,4 @@ class ContactSurfaces:
 
     def same(self, other: "ContactSurfaces") -> bool:
         """True if both have the same facets, contacts and sides."""
-        return (
-            self._faced == other._faced
-            and np.array_equal(self.contact, other.contact)
-            and np.array_equal(self.side, other.side)
-        )
+        return self._faced == other._faced and np.array_equal(self.table, other.table)

@@ -17,7 +17,7 @@ from fx_contact.geometry.lattice import MAX_LEVEL, SIDE, leaf_corners, leaf_side
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.contact import Contact, ContactPair
 from fx_contact.items.ties import Tie
-from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import BoolArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import PairingError
 
 Coordinate = TypeVar("Coordinate", bound=np.number[Any])
@@ -39,7 +39,8 @@ class Pairing:
 
     Attributes:
         nonmatching: why surfaces do not match facet by facet and node by node, by the index of the contact; these have
-            no partners.
+            no partners, as those that share facets with another contact.
+        second: (ncells, 6), paired faces on second surfaces.
         partner: (ncells, 6, 2), facing (root cell, local face) of each local face, -1 where it has none.
         rim: (ncells, 12), edges of paired faces that also belong to cells without a face on the surface, which are
             not refined with it.
@@ -50,19 +51,27 @@ class Pairing:
         self.partner: Int32Array = np.full((ncells, 6, 2), -1, dtype=np.int32)
         self.rim: BoolArray = np.zeros((ncells, 12), dtype=bool)
         self._symmetry = np.zeros((ncells, 6), dtype=np.int8)
+        self.second: BoolArray = np.zeros((ncells, 6), dtype=bool)
         self.nonmatching: dict[int, str] = {}
-        for index, pair in enumerate(contacts):
-            if not isinstance(pair, (ContactPair, Tie)) or pair.obstacle is not None:
-                continue
+        pairs = [i for i, one in enumerate(contacts) if isinstance(one, (ContactPair, Tie)) and one.obstacle is None]
+        users = np.zeros((ncells, 6), dtype=np.int32)
+        for name in (name for index in pairs for name in contacts[index].surfaces):
+            users[tuple(mesh.surface(name).T)] += 1
+        for index in pairs:
+            pair = contacts[index]
+            assert isinstance(pair, (ContactPair, Tie))
             first, second = map(mesh.surface, pair.surfaces)
             try:
+                if any((users[tuple(facets.T)] > 1).any() for facets in (first, second)):
+                    raise _NoMatch("another contact or tie has facets of them")
                 match, symmetry = _match(mesh, pair, first, second)
             except _NoMatch as error:
                 self.nonmatching[index] = str(error)
                 continue
             if isinstance(pair, ContactPair):
-                _check_facing(mesh, f"contact pair ({pair.first!r}, {pair.second!r})", pair, first, second[match])
+                _check_facing(mesh, f"contact pair ({pair.label})", pair, first, second[match])
             second = second[match]
+            self.second[tuple(second.T)] = True
             for facing, other, code in ((first, second, symmetry), (second, first, _inverse(symmetry))):
                 self.partner[facing[:, 0], facing[:, 1]] = other
                 self._symmetry[facing[:, 0], facing[:, 1]] = code
@@ -177,7 +186,7 @@ def _match(
     if unmatched.any():
         raise _NoMatch(
             f"{unmatched.sum()} of {len(first)} facets have no partner, the first near "
-            f"{_middle(mesh, first[unmatched])}; nodes are up to "
+            f"{mesh.middle(first[unmatched])}; nodes are up to "
             f"{distance.max():.3g} apart"
         )
     _check_one_to_one(mesh, first, second[match], symmetry)
@@ -192,24 +201,18 @@ def _check_facing(mesh: RootMesh, label: str, pair: ContactPair, first: Int32Arr
         same = np.einsum("ni,ni->n", *normals) >= 0
         if same.any():
             raise PairingError(
-                f"{label}: {pair.first!r} and {pair.second!r} look the same way, at {_middle(mesh, first[same])}; name "
+                f"{label}: both surfaces look the same way, at {mesh.middle(first[same])}; name "
                 "the sides that face each other"
             )
         return
     for name, facets, sign in zip(pair.surfaces, (first, second), (1, -1)):
         away = sign * mesh.outward_normals(facets) @ direction <= 0
         if away.any():
-            cell, face = facets[away][0]
             raise PairingError(
-                f"{label}: face {face} of root cell {cell} of {name!r} looks away from the other surface; the "
+                f"{label}: {name!r} looks away from the other surface near {mesh.middle(facets[away])}; the "
                 f"direction {tuple(pair.direction)} must lead from the first surface to the second: exchange them, or "
                 "turn it round"
             )
-
-
-def _middle(mesh: RootMesh, facets: Int32Array) -> FloatArray:
-    """Middle (3,) of the first of some facets (n, 2) [m]."""
-    return np.asarray(mesh.facet_points(facets[:1]).mean(axis=(0, 1)))
 
 
 def _face_orders(order: int) -> Int64Array:

@@ -120,7 +120,7 @@ def _beside(scene: Scene) -> BoolArray:
     mesh = scene.mesh
     corners = mesh.corners[:, hexahedron.FACE_CORNERS]
     joined: BoolArray = np.zeros(len(mesh.points), dtype=bool)
-    joined[corners[scene.contact_surfaces.contact >= 0]] = True
+    joined[corners[scene.contact_surfaces.every]] = True
     return np.asarray(joined[corners].any(axis=2))
 
 
@@ -128,8 +128,8 @@ def _in_bodies(state: SolvedState, nodal: FloatArray, depth: float, near: BoolAr
     """Names of two bodies, and the samples of one that are inside of the other, and were not before."""
     scene, forest, space = state.scene, state.forest, state.elasticity.prolongation.space
     comm, bodies = forest.comm, scene.mesh.bodies
-    of_two = np.array([len(interface.surfaces) == 2 for interface in scene.interfaces] + [False])
-    samples = _samples(state, nodal, depth, near[:, None] & ~of_two[scene.contact_surfaces.contact])
+    of_two = [index for index, interface in enumerate(scene.interfaces) if len(interface.surfaces) == 2]
+    samples = _samples(state, nodal, depth, near[:, None] & ~scene.contact_surfaces.on(of_two))
     cells = np.flatnonzero(near[forest.cell])
     body_of = scene.mesh.body[forest.cell]
     before = leaf_positions(forest, cells, 1)
@@ -222,7 +222,7 @@ def _in_obstacles(state: SolvedState, nodal: FloatArray, depth: float) -> list[t
     Without surfaces given by functions, which may be defined near the contact surface only.
     """
     scene, result = state.scene, []
-    samples = _samples(state, nodal, depth, scene.contact_surfaces.contact < 0)
+    samples = _samples(state, nodal, depth, ~scene.contact_surfaces.every)
     moved = () if state.rows is None else (kind.contact for kind in state.rows.kinds)
     for begin, pair in zip(scene.contact, moved):
         if not isinstance(begin, ContactPair) or not isinstance(pair, ContactPair):
@@ -232,7 +232,7 @@ def _in_obstacles(state: SolvedState, nodal: FloatArray, depth: float) -> list[t
         inside = pair.distances(samples.now)[0] + pair.clearance < 0
         inside &= begin.distances(samples.before)[0] + begin.clearance >= 0
         for body in np.unique(samples.body[inside]):
-            names = f"body {scene.mesh.bodies[body]!r} and the {pair.obstacle.name} below {pair.first!r}"
+            names = f"body {scene.mesh.bodies[body]!r} and the {pair.obstacle.name} below {pair.surfaces[0]!r}"
             rows = inside & (samples.body == body)
             result.append((names, samples.some(rows)))
     return result

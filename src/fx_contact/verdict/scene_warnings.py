@@ -62,8 +62,9 @@ def _zero_loads(scene: Scene) -> list[ModelWarning]:
 def _loads_on_contact(scene: Scene) -> list[ModelWarning]:
     """Surface forces and elastic supports of which a part acts on contact or tied surfaces."""
     mesh, warnings = scene.mesh, list[ModelWarning]()
-    of = scene.contact_surfaces.contact
-    joined = (of >= 0) & ~np.isin(of, [*scene.numbered(RigidFace)])
+    joined = scene.contact_surfaces.on(
+        [i for i, one in enumerate(scene.interfaces) if not isinstance(one, RigidFace)]
+    )
     for load in (*scene.tractions, *scene.springs):
         facets = mesh.surface(load.surface)
         area = mesh.facet_areas(facets)
