@@ -207,9 +207,10 @@ def test_flat_punch(mu, stick, middle):
 def test_cycle_of_balls():
     """Mindlin's cycle on adaptive meshes, at nu = 0 and a / R = 0.025: the work of half-spaces within 1 %; it closes.
 
-    At a / R = 0.1 the work is 8 % larger, at 0.05 4 %, on meshes of any size: balls are no half-spaces.
+    At a / R = 0.1 the work is 8 % larger, at 0.05 4 %, on meshes of any size: balls are no half-spaces.  Two cells of
+    order 3 have another curvature at the pole, which changes it by 2 %.
     """
-    upper, lower = ball(1.0, 2, 3, octants=2), ball(1.0, 3, 3, octants=2).shifted(z=-1.0)
+    upper, lower = ball(1.0, 2, 5, octants=2), ball(1.0, 3, 5, octants=2).shifted(z=-1.0)
     bodies = {"upper": upper.placed(lambda x: (x[0], -x[1], 1.0 - x[2])), "lower": lower}
     mesh, planes = root_mesh_from_shapes(bodies), [SymmetryPlane(f"{body} x = 0") for body in bodies]
     pair = ContactPair("upper outside", "lower outside", direction=(0, 0, -1), friction=MU)
@@ -219,7 +220,7 @@ def test_cycle_of_balls():
         return Scene("cycle", mesh, dict.fromkeys(bodies, Material(1.0, 0.0)), [*held, *planes], pair, symmetry=2)
 
     shift = 0.9375e-3 * MU
-    path = [point.step.record for point in increments(scene, (0.0, shift, -shift, shift), 0.03)]
+    path = [point.step.record for point in increments(scene, (0.0, shift, -shift, shift), 0.03, geometry_order=5)]
     press = path[0].force
     shears = [record.resultants[0].force[1] / (MU * press) for record in path]
     q = abs(shears[1])
