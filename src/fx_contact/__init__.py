@@ -38,6 +38,7 @@ from fx_contact.parallel.former import former_names
 from fx_contact.parallel.meeting import expect_end
 from fx_contact.path.load_path import increments, sweep
 from fx_contact.scene.scene import Scene
+from fx_contact.surfaces.proposals import contacts_between
 
 __version__ = "0.2.0"
 
@@ -89,6 +90,7 @@ __all__ = [
     "adapt",
     "ball",
     "block",
+    "contacts_between",
     "cylinder",
     "extrude",
     "increments",

@@ -99,7 +99,9 @@ class Scene(SceneItems):
         names = [interface.name for interface in self.interfaces]
         for name in names:
             if names.count(name) > 1:
-                raise SceneError(f"two contacts have the name {name!r}: name a surface anew, as by `named` of its shape")
+                raise SceneError(
+                    f"two contacts have the name {name!r}: name a surface anew, as by `named` of its shape"
+                )
 
     def __repr__(self) -> str:
         parts = "" if self.symmetry == 1 else f", modelled as one of {self.symmetry} symmetric parts"

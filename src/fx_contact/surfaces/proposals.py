@@ -1,0 +1,62 @@
+"""Proposal of contact pairs: surfaces of different bodies near each other.  All is local."""
+
+from itertools import combinations
+
+import numpy as np
+
+from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.items.contact import ContactPair
+from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.validation import check_kind, check_number
+from fx_contact.surfaces.nonmatching import SAMPLES, NonmatchingSurfaces
+from fx_contact.surfaces.surface_projection import SurfaceProjection
+
+
+def contacts_between(mesh: RootMesh, within: float) -> tuple[ContactPair, ...]:
+    """Pairs of surfaces of different bodies that face each other within a distance, to be judged and used.
+
+    Distances are along the normals, at 16 samples of each root facet.  The pair with the largest area comes first;
+    one whose facets face the same body in pairs before it is left out.
+
+    Local; the same on all ranks.
+
+    Args:
+        within: largest distance of the undeformed surfaces, or depth of their interference [m].
+
+    Raises SceneError for what is no RootMesh, and a distance that is not positive.
+    """
+    check_kind("the mesh", mesh, RootMesh)
+    check_number("the distance of surfaces in contact", within, positive=True)
+    bodies = {name: np.unique(mesh.body[facets[:, 0]]) for name, facets in mesh.surfaces.items()}
+    boxes = {name: _box(mesh.facet_points(facets)) for name, facets in mesh.surfaces.items()}
+    trees, found = dict[str, SurfaceProjection](), []
+    for one, two in combinations(mesh.surfaces, 2):
+        apart = np.maximum(boxes[one][0] - boxes[two][1], boxes[two][0] - boxes[one][1]).max() > within
+        if apart or np.isin(bodies[one], bodies[two]).any():
+            continue
+        first, second = (trees.setdefault(name, SurfaceProjection(mesh, mesh.surface(name))) for name in (one, two))
+        pair = NonmatchingSurfaces(mesh, ContactPair(one, two), first, second)
+        near, count = _near(pair, within), len(first.facets) + len(second.facets)
+        if near.any():
+            area = float(near @ pair.first.size**2)
+            found.append((-round(area, 12), count, (one, two), pair.first.facets[near > 0]))
+    taken, result = np.zeros((len(mesh.cells), 6, len(mesh.bodies)), dtype=bool), []
+    for _, _, (one, two), facets in sorted(found, key=lambda candidate: candidate[:2]):
+        cell, face = facets.T[:, :, None]
+        if not taken[cell, face, bodies[two]].all():
+            result.append(ContactPair(one, two))
+        taken[cell, face, bodies[two]] = True
+    return tuple(result)
+
+
+def _box(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and largest coordinates (3,) of points (n, k, 3) [m]."""
+    return points.min(axis=(0, 1)), points.max(axis=(0, 1))
+
+
+def _near(surfaces: NonmatchingSurfaces, within: float) -> FloatArray:
+    """(n,), parts of facets of the first surface that face the second one within a distance."""
+    at = surfaces.first.at(np.arange(len(surfaces.first)), SAMPLES)
+    found = surfaces.faced(at.position.reshape(-1, 3), at.normal.reshape(-1, 3))
+    near = (found.facet >= 0) & (np.abs(found.distance) <= within)
+    return np.asarray(near.reshape(len(surfaces.first), -1).mean(axis=1))
