@@ -195,7 +195,8 @@ def _not_yielding(multipliers: _Multipliers, prolongation: Prolongation, yieldin
     """
     free = multipliers.kept[:, None] & ~yielding
     lonely = prolongation.zeros(yielding.shape[1])
-    facet, axis = np.nonzero(~free[multipliers.nodes].any(axis=1))
+    covered = np.any(multipliers.dual.cover, axis=1, keepdims=True)
+    facet, axis = np.nonzero(covered & ~free[multipliers.nodes].any(axis=1))
     lonely[multipliers.nodes[facet], axis[:, None]] = 1.0
     return free | (multipliers.kept[:, None] & (prolongation.ghosted(prolongation.summed(lonely)) > 0))
 

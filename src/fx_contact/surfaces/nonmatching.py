@@ -119,13 +119,18 @@ class NonmatchingSurfaces:
         """True if the boundary of the second body goes on smoothly somewhere beyond the rim of its surface."""
         return self._continuation is not None
 
-    def cut_off(self, facets: LeafFacets) -> FloatArray:
-        """Parts (k,) of facets of the first surface that face nothing, but what goes on beyond the second one's rim."""
+    def cut_off(self, facets: LeafFacets, joined: BoolArray) -> FloatArray:
+        """Parts (k,) of facets of the first surface that face nothing, but what goes on beyond the second one's rim.
+
+        Without what is `joined` by a contact or tie, (ncells, 6).
+        """
         assert self._continuation is not None, "as of `goes_on`"
         at = facets.at(SAMPLES)
         position, direction = at.position.reshape(-1, 3), self.directions(at.normal).reshape(-1, 3)
         missed = ~self.faced(position, direction).found
-        missed[missed] = self._continuation(position[missed], direction[missed], self.depth).found
+        beyond = self._continuation(position[missed], direction[missed], self.depth)
+        cell, face = self._continuation.facets.facets[beyond.facet].T
+        missed[missed] = beyond.found & ~joined[cell, face]
         return np.asarray(missed.reshape(len(facets), len(SAMPLES)).mean(axis=1))
 
     def mean_ratios(self, moduli: FloatArray) -> tuple[float, float] | None:

@@ -226,7 +226,7 @@ def _cut_off(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
         leaf, face, mean = leaf[mean > 0], face[mean > 0], mean[mean > 0]
         facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
         load = mean * np.linalg.norm(facets.mean_outward, axis=1)
-        missed = load * surfaces.cut_off(facets)
+        missed = load * surfaces.cut_off(facets, state.scene.contact_surfaces.every)
         total, value = forest.comm.allreduce(np.array([load.sum(), missed.sum()]))
         if value > MISSED * total:
             place, part = _place_of_largest(forest.comm, missed, facets.corners.mean(axis=1))[0], float(value / total)
