@@ -107,6 +107,14 @@ def test_a_bound_of_tresca():
     assert contact_force(step)[0] == pytest.approx(1e-3, rel=1e-8)
 
 
+def test_a_bound_of_tresca_above_the_pressure():
+    """Tractions are at most the pressure: the forces along and across are equal where all slip."""
+    step = next(
+        adapt(pushed("obstacle", Tresca(1.0), (0.1, 0.0), 0.0), 0.9, allow=("large strain", "large rotation"))
+    )
+    assert total(np.linalg.norm(forces(step), axis=1)) == pytest.approx(-contact_force(step)[2], rel=1e-6)
+
+
 def fretting(mu, shift, second=PLANE):
     """Half of a ball pressed on a plane or a stiff block, and moved along y."""
     top = ball(1.0, 2, 3, 2).placed(lambda x: (x[0], -x[1], 1.0 - x[2]))
@@ -169,8 +177,27 @@ def test_a_body_held_by_friction(kind):
     x, y, z = contact_force(step)
     assert (x, y, z) == pytest.approx((0.8 * MU * PRESSURE, 0.0, -PRESSURE), abs=1e-6 * PRESSURE)
     beyond = replace(held, tractions=[Traction("cube top", (1.3 * MU * PRESSURE, 0.0, -PRESSURE))])
-    with pytest.raises(SolveError, match="carries at most"):
+    with pytest.raises(SolveError, match="carries about"):
         next(adapt(beyond, 0.9, degree=1))
+
+
+@pytest.mark.parametrize("part", [1.001, 1.01, 1.03])
+def test_a_body_just_beyond_friction(part):
+    """It carries mu N, less than what is needed, also where an edge opens."""
+    load = Traction("cube top", (part * MU * PRESSURE, 0.0, -PRESSURE))
+    with pytest.raises(SolveError, match="slides or tips.* friction carries about 0.003 of 0.003"):
+        next(adapt(cubes("pairs", MU, tractions=[load]), 0.9, degree=1))
+
+
+def test_a_body_that_tips_or_is_lifted():
+    """Friction would carry the load of the former; nothing holds the latter."""
+    tips = cubes("pairs", 3 * MU, tractions=[Traction("cube top", (0.6 * PRESSURE, 0.0, -PRESSURE))])
+    with pytest.raises(SolveError, match="slides or tips: friction carries about [^ ]+; .*resultant inside"):
+        next(adapt(tips, 0.9, degree=1))
+    held = Dirichlet("cube left", x=0.0), Dirichlet("cube front", y=0.0)
+    lifted = cubes("pairs", MU, held=held, tractions=[Traction("cube top", (0.0, 0.0, PRESSURE / 10))])
+    with pytest.raises(SolveError, match="nothing holds body 'cube' once the contact opens"):
+        next(adapt(lifted, 0.9, degree=1))
 
 
 def test_tangents_on_planes_of_symmetry():

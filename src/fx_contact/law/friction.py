@@ -102,7 +102,8 @@ class FrictionStatus(TangentialStatus):
         p = f + c[:, None] * d
         normals = self._normal
         assert isinstance(self.law, Friction)
-        bound = np.where(closed, self.law.bounds(force[normals], self.rows.area[normals]), 0.0)
+        pressed, pulled = (self.law.bounds(sign * force[normals], self.rows.area[normals]) for sign in (1, -1))
+        bound = np.where(closed, pressed, 0.0)
         size = np.linalg.norm(p, axis=1)
         slips = size > bound + np.where(self.slips, -noise, noise) * np.sqrt(c)
         slips &= ~(self.slips & (np.einsum("ni,ni->n", d, f) < 0))
@@ -116,4 +117,8 @@ class FrictionStatus(TangentialStatus):
         excess = np.maximum(size - self.bound, np.finfo(float).eps * size)
         self._across = np.divide(self.bound * c, excess, out=np.zeros_like(bound), where=slips & (excess > 0))
         change = np.where(some, forces[:, None] * self._along - before, 0.0)
-        return Change(int(np.count_nonzero(changed)), float((change**2 / c[:, None]).sum()), float(bound.sum()))
+        return Change(
+            int(np.count_nonzero(changed)),
+            float((change**2 / c[:, None]).sum()),
+            float((pressed - pulled)[closed].sum()),
+        )

@@ -20,7 +20,7 @@ class Change(NamedTuple):
     Attributes:
         nodes: number of nodes that begin to stick or slip.
         energy: sum of |change of force|^2 / k_c where nodes slip [J].
-        bound: sum of the bounds of the force [N].
+        bound: sum of the bounds of the force, negative where closed nodes pull: they will open [N].
     """
 
     nodes: int = 0

@@ -24,6 +24,12 @@ from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
 from fx_contact.scene.scene import Scene
 
+#: Advice for a body that friction does not hold.
+_HOLD = (
+    "prescribe displacements that stop it, or load it less along the contact, with the resultant inside the contact "
+    "surface"
+)
+
 
 class Unilateral:
     """Status of the rows, at first closed where a displacement closes them, or brings them closest to touching.
@@ -156,30 +162,28 @@ class Unilateral:
         self._comm.Allreduce(MPI.IN_PLACE, sums)
         self._slides += 1
         if self._slides == 1:
-            self._needed, self._carried = float(sums[3]), float(rows.symmetry * sums[2])
+            self._needed, self._carried = float(sums[3]), max(float(rows.symmetry * sums[2]), 0.0)
         changes = bool(sums[0] > 0 or sums[1] > noise**2)
         if changes and self._slides >= self._MOST_SLIDES:
-            slides = f"; {self._sliding()}: unless something else holds it, a body slides"
             raise SolveError(
                 f"friction does not settle: after {self._slides} linear solves its forces, or what opens, closes, "
-                f"sticks or slips, still change{slides * (self._carried < self._needed)}; with a large coefficient "
-                "take smaller increments: solutions may not be unique, or not exist"
+                f"sticks or slips, still change; {self._sliding()}: unless something else holds it, a body slides or "
+                "tips; with a large coefficient take smaller increments: solutions may not be unique, or not exist"
             )
         return changes
 
     def check_sliding(self, error: SolveError) -> None:
-        """Raises SolveError for that of a linear solve if friction carries less than would hold all nodes.  Local."""
-        if self._carried < self._needed:
+        """Raises SolveError for that of a linear solve once nodes may slip.  Local."""
+        if self._slides:
             raise SolveError(
-                f"a linear solve fails once nodes slip, and {self._sliding()}: a body slides; prescribe displacements "
-                "that stop it, or load it less along the contact"
+                f"a linear solve fails once nodes slip or open: unless something else holds it, a body slides or tips; "
+                f"{self._sliding()}; {_HOLD}.  The solver: {error}"
             ) from error
 
     def _sliding(self) -> str:
-        """The force that friction carries, and that of nodes that all stick.  Local."""
-        return (
-            f"friction carries at most {self._carried:.4g} of {self._needed:.4g} that would hold all nodes in place"
-        )
+        """The force that friction carries, and that of nodes that all stick if it is larger.  Local."""
+        more = f" of {self._needed:.4g} that would hold all nodes in place" * (self._carried < self._needed)
+        return f"friction carries about {self._carried:.4g}{more}"
 
     def restart(self, active: BoolArray, u: FloatArray, solves: int) -> None:
         """Continue with another set (n,), and a displacement (owned, 3) [m], found by so many linear solves.
@@ -205,11 +209,8 @@ class Unilateral:
 
     def check_supported(self) -> None:
         """Check the supporting rows of unconstrained bodies.  Local.  Raises SolveError: they are in tension."""
-        if self._loose and self._tangents:
-            raise SolveError(
-                f"body {', '.join(map(repr, self._loose))} slides: {self._sliding()}; prescribe displacements that "
-                "stop it, or load it less along the contact"
-            )
+        if self._loose and self._carried > 0:
+            raise SolveError(f"body {', '.join(map(repr, self._loose))} slides or tips: {self._sliding()}; {_HOLD}")
         if self._loose:
             raise SolveError(
                 f"nothing holds body {', '.join(map(repr, self._loose))} once the contact opens: only contact stops "
