@@ -33,9 +33,9 @@ from fx_contact.contact.enforcement import METHODS, Enforcement
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.shear_free import find_shear_free
-from fx_contact.fem import elasticity as elasticity_module
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.external_forces import load
+from fx_contact.items import materials as materials_module
 from fx_contact.items.boundary_conditions import Dirichlet, Traction
 from fx_contact.items.contact import ContactPair
 from fx_contact.parallel.timing import Stages
@@ -133,7 +133,7 @@ def test_nearly_incompressible_cells_do_not_lock(degree, off, locked, monkeypatc
     """Two cells across give what eight, or at degree 2 four, give; fully integrated they are too stiff."""
     coarse, fine = (indented(rounds, SOFT.poisson, degree) for rounds in (0, 3 - degree))
     assert abs(coarse / fine - 1) < off
-    monkeypatch.setattr(elasticity_module, "LOCKING_POISSON", 1.0)
+    monkeypatch.setattr(materials_module, "LOCKING_POISSON", 1.0)
     assert indented(0, SOFT.poisson, degree) < locked * fine
 
 
