@@ -108,15 +108,18 @@ class HexahedralMesh(Hexahedra):
 
         Raises SceneError if there is no such surface.
         """
-        if name in self.surfaces or UNION not in name:
-            check_name("surface", name, self.surfaces, "the root mesh has")
-            return self.surfaces[name]
-        return np.unique(np.concatenate([self.surface(part) for part in name.split(UNION)]), axis=0)
+        if self._is_union(name):
+            return np.unique(np.concatenate([self.surface(part) for part in name.split(UNION)]), axis=0)
+        check_name("surface", name, self.surfaces, "the root mesh has")
+        return self.surfaces[name]
+
+    def _is_union(self, name: str) -> bool:
+        return isinstance(name, str) and UNION in name and name not in self.surfaces
 
     def nodes_of(self, name: str) -> Int64Array:
         """Corner nodes (n,) of a surface, curve or vertex.  Raises SceneError if there is no such place."""
         known = [*self.surfaces, *self.curves, *self.vertices]
-        if UNION in name and name not in known:
+        if self._is_union(name) and name not in known:
             return np.unique(self.corners[:, hexahedron.FACE_CORNERS][tuple(self.surface(name).T)])
         check_name("surface, curve or vertex", name, known, "the root mesh has")
         for groups, corners in ((self.surfaces, hexahedron.FACE_CORNERS), (self.curves, hexahedron.EDGE_CORNERS)):
@@ -127,7 +130,7 @@ class HexahedralMesh(Hexahedra):
 
     def samples(self, name: str) -> FloatArray:
         """Sampling points (n, 3) [m] of a surface, curve, vertex, body or part, for functions of position."""
-        if name in self.surfaces or UNION in name:
+        if name in self.surfaces or self._is_union(name):
             return self.facet_points(self.surface(name), _SAMPLES).reshape(-1, 3)
         if name in self.curves:
             cells, edges = self.curves[name].T
