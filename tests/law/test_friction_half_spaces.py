@@ -207,8 +207,8 @@ def test_flat_punch(mu, stick, middle):
 def test_cycle_of_balls():
     """Mindlin's cycle on adaptive meshes, at nu = 0 and a / R = 0.025: the work of half-spaces within 1 %; it closes.
 
-    At a / R = 0.1 the work is 8 % larger, at 0.05 4 %, on meshes of any size: balls are no half-spaces.  Two cells of
-    order 3 have another curvature at the pole, which changes it by 2 %.
+    At a / R = 0.1 the work is 8 % larger, at 0.05 4 %: balls are no half-spaces.  Two cells of order 3 have another
+    curvature at the pole, which changes it by 2 %.
     """
     upper, lower = ball(1.0, 2, 5, octants=2), ball(1.0, 3, 5, octants=2).shifted(z=-1.0)
     bodies = {"upper": upper.placed(lambda x: (x[0], -x[1], 1.0 - x[2])), "lower": lower}

@@ -86,15 +86,15 @@ def _nodes(prolongation: Prolongation, leaf: Int64Array, face: Int64Array) -> In
 
 
 def _acting(prolongation: Prolongation, other: int, index: int | None = None) -> tuple[Int64Array, Int64Array]:
-    """Leaf facets where an interface is before another one, by its index: leaves (n,) and local faces (n,).
+    """Leaf facets on which `other` precedes interfaces: leaves (n,) and local faces (n,).  Collective.
 
-    Collective.  Facets that face those of the other side, if their meshes do not match, of a contact those with its
-    rows; else all, of a contact without those of the other interface, below which both may be open.
+    On surfaces meshed apart those that are covered.  Of a tie both sides; of a contact, which precedes the interface
+    `index`, the side with the rows if meshed apart, and else no facets of that interface.
     """
     forest = prolongation.space.forest
     surfaces, facing = forest.contact_surfaces, forest.facing.get(other)
     if facing is not None:
-        one, two = facing.facing
+        one, two = facing.covered
         return one if index is not None else (np.concatenate([one[0], two[0]]), np.concatenate([one[1], two[1]]))
     leaf, face = forest.contact_faces()
     wanted = surfaces.on(other)

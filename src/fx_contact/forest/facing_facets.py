@@ -75,7 +75,7 @@ class FacingFacets:
         return mine, Directory(self.leaves.comm, codes, self.leaves.homes.of_leaves)
 
     @cached_property
-    def facing(self) -> tuple[tuple[Int64Array, Int64Array], tuple[Int64Array, Int64Array]]:
+    def covered(self) -> tuple[tuple[Int64Array, Int64Array], tuple[Int64Array, Int64Array]]:
         """This rank's leaves and local faces on the first surface, then on the second, that face the other one.
 
         Collective at first use.

@@ -15,8 +15,8 @@ from fx_contact.surfaces.surface_projection import SurfaceProjection
 def contacts_between(mesh: RootMesh, within: float) -> tuple[ContactPair, ...]:
     """Pairs of surfaces of different bodies that face each other within a distance, to be judged and used.
 
-    Distances are along the normals, at 16 samples of each root facet.  The pair with the largest area comes first;
-    one whose facets face the same body in pairs before it is left out.
+    Distances are along the normals, at 16 samples of each root facet.  Pairs are in the order of the areas within
+    the distance; a pair all of whose facets face the same body in earlier pairs is left out.
 
     Local; the same on all ranks.
 
@@ -34,14 +34,16 @@ def contacts_between(mesh: RootMesh, within: float) -> tuple[ContactPair, ...]:
         apart = np.maximum(boxes[one][0] - boxes[two][1], boxes[two][0] - boxes[one][1]).max() > within
         if apart or np.isin(bodies[one], bodies[two]).any():
             continue
-        first, second = (trees.setdefault(name, SurfaceProjection(mesh, mesh.surface(name))) for name in (one, two))
-        pair = NonmatchingSurfaces(mesh, ContactPair(one, two), first, second)
-        near, count = _near(pair, within), len(first.facets) + len(second.facets)
+        trees |= {name: SurfaceProjection(mesh, mesh.surface(name)) for name in {one, two} - trees.keys()}
+        pair = NonmatchingSurfaces(mesh, ContactPair(one, two), trees[one], trees[two])
+        near, count = _near(pair, within), len(pair.first) + len(pair.second)
         if near.any():
-            area = float(near @ pair.first.size**2)
-            found.append((-round(area, 12), count, (one, two), pair.first.facets[near > 0]))
+            found.append((float(near @ pair.first.size**2), count, (one, two), pair.first.facets[near > 0]))
     taken, result = np.zeros((len(mesh.cells), 6, len(mesh.bodies)), dtype=bool), []
-    for _, _, (one, two), facets in sorted(found, key=lambda candidate: candidate[:2]):
+    largest = max((area for area, *_ in found), default=1.0)
+    # Of equal areas, to rounding, that with fewer facets.
+    found.sort(key=lambda candidate: (-round(candidate[0] / largest, 9), candidate[1]))
+    for _, _, (one, two), facets in found:
         cell, face = facets.T[:, :, None]
         if not taken[cell, face, bodies[two]].all():
             result.append(ContactPair(one, two))
