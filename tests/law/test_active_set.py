@@ -27,7 +27,8 @@ def active_set(penetration, largest=0.0, comm=MPI.COMM_SELF, most=100, tied=None
         kinds=(),
         symmetry=1,
     )
-    return Unilateral(rows, None, np.full((size, 3), largest), most)
+    u = np.full((size, 3), largest)
+    return Unilateral(rows, None, np.zeros_like(u), u, most)
 
 
 def test_first_guess():
@@ -142,7 +143,7 @@ def test_light_contact_within_the_solvers_error_ends():
 def test_what_pulls_is_not_tried_in_turn():
     """Where a body needs now this pair, now that one to hold it, and both pull, that is the error."""
     status = active_set([0, -1], most=20)
-    status._loose_bodies = lambda active: [] if active.any() else ["upper"]
+    status._driven = lambda active: {} if active.any() else {"upper": "along z"}
     with pytest.raises(SolveError, match="nothing holds body 'upper'"):
         for _ in range(20):
             closest = np.where(status.active, -2.0, -1.0)

@@ -15,9 +15,9 @@ def moved(monkeypatch):
     """A list that gets the displacements before and after the bodies are moved, and what is free."""
     found, move = [], contact_solver.move_bodies
 
-    def seen(scene, matrix, load, jump, stiffness, u, supports):
-        result = move(scene, matrix, load, jump, stiffness, u, supports)
-        found.extend([u, result, supports.free])
+    def seen(bodies, *given):
+        result = move(bodies, *given)
+        found.extend([given[-1], result, bodies._supports.free])
         return result
 
     monkeypatch.setattr(contact_solver, "move_bodies", seen)

@@ -84,6 +84,7 @@ class StepRecord(SolveRecord, ContactFigures):
         motions: found along given forces, by the names of contact pairs, ties and rigid loads: how far an obstacle has
             moved from `moved`, or a section has closed [m]; of the surface of a rigid load three translations [m] and
             rotations [rad] about its point.
+        free_motions: bodies that nothing holds and no load moves, by name, and how they could; None: there are none.
         remote_rows: number of rows of contact and ties with nodes of other ranks.
         yielded_rows: of those that yield to conditions, ties or other contacts at their nodes.
         units: names of those of length and stress, as `Scene.units`.
@@ -108,6 +109,7 @@ class StepRecord(SolveRecord, ContactFigures):
     resultants: tuple[Resultant, ...] | None = None
     goals: tuple[GoalRecord, ...] = ()
     motions: Motions = field(default_factory=lambda: Motions())
+    free_motions: dict[str, str] | None = None
     remote_rows: int = 0
     yielded_rows: int = 0
     units: Units = None
@@ -203,6 +205,8 @@ def _lines(r: StepRecord) -> Iterator[str]:
         yield f"friction: {r.sticking_pairs:,} nodes stick, {r.slipping_pairs:,} slip"
     yield from _contacts(r)
     yield from _resultants(r)
+    for name, ways in (r.free_motions or {}).items():
+        yield f"body {name!r} is free {ways}: left out of the displacement"
     yield from map(str, r.goals)
     yield from map(str, r.doubts)
     yield from undirected(r)
@@ -214,7 +218,7 @@ def _contacts(r: StepRecord) -> Iterator[str]:
     for index, force in enumerate(r.pair_forces):
         error, moved = r.pair_errors[index], r.motions.get(names[index]) if names else None
         line = f"contact {repr(names[index]) if names else index}: "
-        line += f"force {force:.6g}{_unit(r, 'force')}" if force else "open"
+        line += f"force {force:.6g}{_unit(r, 'force')}" if abs(force) > _ROUNDING * max(r.pair_forces) else "open"
         line += "" if error is None else f", estimated error {percent(error)}"
         yield line + ("" if moved is None else f", obstacle moved by {moved:.5g}{_unit(r, 'length')}")
 
@@ -246,7 +250,7 @@ def undirected(record: StepRecord) -> list[str]:
     pairs = [one for one in record.resultants or () if one.kind == "contact"]
     lines = []
     for pair, force, alignment in zip(pairs, record.pair_forces, record.pair_alignments or ()):
-        if alignment is not None and alignment < DIRECTED:
+        if alignment is not None and alignment < DIRECTED and force > _ROUNDING * max(record.pair_forces):
             vector = ", ".join(f"{0.0 if abs(value) < _ROUNDING * force else value:.5g}" for value in pair.force)
             lines.append(
                 f"{pair.name!r} presses in many directions: its forces add up to ({vector}), {alignment:.1%} of the "

@@ -23,10 +23,11 @@ from fx_contact.estimate.estimator import Estimator
 from fx_contact.estimate.goal_errors import GoalRecord, judge_goals
 from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.estimate.solved_state import SolvedState
+from fx_contact.fem.body_motions import BodyMotions
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
-from fx_contact.fem.external_forces import body_force, load_and_totals
+from fx_contact.fem.external_forces import body_force, load_and_totals, nodal_volumes
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
 from fx_contact.fem.nodal_fields import NodalFields
 from fx_contact.fem.nodal_strain import stress_free_strain
@@ -166,7 +167,7 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         supports=supports,
         energy_norm=elasticity.energy_norm,
         rows=rows,
-        scene=scene,
+        bodies=BodyMotions(scene, prolongation, supports, lambda: nodal_volumes(forest, elasticity)),
         coarse=coarse,
         volume=volume,
         rows_at=rows_at,
@@ -257,7 +258,8 @@ def _estimate(
     scene, forest, elasticity = settings.scene, start.forest, discrete.elasticity
     shear_free = find_shear_free(scene, forest, elasticity.prolongation)
     estimator = Estimator(elasticity, shear_free, stages, body_force(scene, elasticity))
-    touches = forest.comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
+    # Bodies that an obstacle pushes away without resistance touch it by rounding.
+    touches = not solution.free_motions and forest.comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
     field = elasticity.field(solution.displacement, loaded=True)
     # Stresses below the tolerance of those of full restraint count as 0: bodies that expand freely have none.
     least = settings.tolerance * elasticity.restraint_norm()
@@ -344,6 +346,7 @@ def _record(
         resultants=assessed.resultants,
         goals=assessed.goals,
         motions=Motions(state.solution.motions),
+        free_motions=state.solution.free_motions or None,
         remote_rows=0 if state.solution.rows is None else state.solution.rows.remote,
         yielded_rows=state.solution.yielded_rows,
         units=settings.scene.units,

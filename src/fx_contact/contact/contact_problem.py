@@ -8,6 +8,7 @@ from petsc4py import PETSc
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.enforcement import Enforcement
+from fx_contact.fem.body_motions import BodyMotions
 from fx_contact.fem.supports import Supports
 from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.linalg.linear_solver import LinearSolver, suited
@@ -18,7 +19,6 @@ from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.linalg.stopping import EnergyNorm
 from fx_contact.parallel.arrays import FloatArray
-from fx_contact.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class ContactProblem:
         supports: at the owned conforming nodes.
         energy_norm: omega (4).
         rows: B and D; None: neither contact nor ties.
-        scene: to move its bodies into contact, and to find unconstrained bodies of an active set; None: neither.
+        bodies: to move into contact, and to find unresisted motions of an active set; None: neither.
         coarse: level below the matrix, for p-multigrid.
         volume: term of nearly incompressible bodies beside the matrix.
         before: the load step before, from which tangents slip.
@@ -69,7 +69,7 @@ class ContactProblem:
     supports: Supports
     energy_norm: EnergyNorm
     rows: ConstraintRows | None = None
-    scene: Scene | None = None
+    bodies: BodyMotions | None = None
     coarse: CoarseLevel | None = None
     volume: VolumeTerm | None = None
     before: History = field(default_factory=History)

@@ -11,7 +11,8 @@ from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import MatrixPenalty, PenaltyTerm
 from fx_contact.contact.projection import Projection
 from fx_contact.contact.row_motions import RowMotions
-from fx_contact.linalg.operator import Equations
+from fx_contact.fem.body_motions import FreeMotions
+from fx_contact.linalg.operator import Equations, Projector
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
 from fx_contact.parallel.arrays import BoolArray, FloatArray
@@ -32,11 +33,13 @@ class Springs:
         stiffness: k, inf for B u = D + s, 0 of open rows [N/m].
         shift: s; None on all ranks: 0 [m].
         force: g, also where k is 0; None on all ranks: 0 [N].
+        free: motions that the displacement leaves out; None: there are none.
     """
 
     stiffness: FloatArray
     shift: FloatArray | None = None
     force: FloatArray | None = None
+    free: FreeMotions | None = None
 
     @property
     def closed(self) -> BoolArray:
@@ -47,7 +50,7 @@ class Springs:
         """Both together, each in rows of its own."""
         both = ((self.shift, other.shift), (self.force, other.force))
         shift, force = (b if a is None else a if b is None else a + b for a, b in both)
-        return Springs(self.stiffness + other.stiffness, shift, force)
+        return Springs(self.stiffness + other.stiffness, shift, force, self.free)
 
 
 class LinearSystem:
@@ -55,16 +58,26 @@ class LinearSystem:
 
     exact = True
 
-    def __init__(self, problem: ContactProblem, options: Solver, stages: Stages, objects: PetscObjects) -> None:
-        self._supports, self._tolerance = problem.supports, options.tolerance
+    def __init__(
+        self,
+        problem: ContactProblem,
+        options: Solver,
+        stages: Stages,
+        objects: PetscObjects,
+        free: FreeMotions | None = None,
+    ) -> None:
+        self._supports, self._tolerance, self._free = problem.supports, options.tolerance, free
         with stages("system"):
             self.solver = problem.linear_solver(options, objects)
         with stages("setup"):
+            if free is not None:
+                self.solver.regularise()
             self.solver.set_up()
 
     def solve(self, load: FloatArray, u: FloatArray, tolerance: float) -> FloatArray:
         """The displacement [m] for a load [N], from a first guess [m], all (owned, 3).  Raises SolveError."""
-        return self._supports.tangential(self.solver.solve(Equations(load), u, tolerance))
+        u = self._supports.tangential(self.solver.solve(Equations(load, projector=self._free), u, tolerance))
+        return u if self._free is None else self._free.remaining(u)
 
     def dual(
         self, load: FloatArray, _: FloatArray | None, tolerance: float, z: FloatArray | None = None
@@ -178,12 +191,20 @@ class ContactSystem:
         """The displacement for the last springs, by the present preconditioner."""
         with self._stages("system"):
             equations = self._in_matrix.equations(
-                self._shifted, self._forced, self._in_operator(self.springs), self._projection
+                self._shifted, self._forced, self._in_operator(self.springs), self._projector_behind(self._projection)
             )
         with self._stages("solve"):
-            u = self._supports.tangential(self.solver.solve(equations, u, tolerance))
+            u = self._solution(equations, u, tolerance)
             self._energy = self.energy_norm(u) ** 2
         return u
+
+    def _projector_behind(self, projection: Projection) -> Projector:
+        """The projection, which leaves out the free motions of the last springs."""
+        return projection if self.springs.free is None else self.springs.free.behind(projection)
+
+    def _solution(self, equations: Equations, u: FloatArray, tolerance: float) -> FloatArray:
+        u = self._supports.tangential(self.solver.solve(equations, u, tolerance))
+        return u if self.springs.free is None else self.springs.free.remaining(u)
 
     def _capped(self, springs: Springs) -> FloatArray:
         """(n,), springs in the matrix: up to k_c, 0 in rows that move [N/m]."""
@@ -198,6 +219,8 @@ class ContactSystem:
         """Build the preconditioner for springs in the rows."""
         with self._stages("setup"):
             self._in_matrix.replace(self.jump, self._capped(springs))
+            if springs.free is not None:
+                self.solver.regularise()
             self.solver.set_up()
         self._is_set_up = True
 
@@ -224,10 +247,11 @@ class ContactSystem:
         jump, load = self.jump.with_gap(penetration), self._supports.free_part(load)
         projection = self._projection_of(jump)
         guess = projection.onto_closed(np.zeros_like(load) if z is None else z)
-        equations = self._in_matrix.equations(jump, load, self._in_operator(self.springs), projection)
-        z = self.solver.solve(equations, guess, max(tolerance, self._options.tolerance))
+        projector = self._projector_behind(projection)
+        equations = self._in_matrix.equations(jump, load, self._in_operator(self.springs), projector)
+        z = self._solution(equations, guess, max(tolerance, self._options.tolerance))
         force = self._capped(self.springs) * jump.penetration(z) + self._projected_forces(jump, load, projection, z)
-        return self._supports.tangential(z), force
+        return z, force
 
     def _projected_forces(self, jump: Jump, load: FloatArray, projection: Projection, u: FloatArray) -> FloatArray:
         """Forces (n,) [N] of projected rows beside their springs up to k_c, which balance the residual."""

@@ -55,6 +55,16 @@ def load_and_totals(scene: Scene, forest: Forest, elasticity: Elasticity) -> tup
     return elasticity.prolongation.restrict(forces), totals
 
 
+def nodal_volumes(forest: Forest, elasticity: Elasticity) -> FloatArray:
+    """Integrals (owned,) of the functions of the conforming nodes [m^3].  Collective on forest.comm."""
+    space, order = elasticity.prolongation.space, elasticity.leaf_mesh.order
+    volumes, rule = np.zeros((len(space), 1)), gauss_rule(space.degree, order, None)
+    functions, every = shape_functions(space.degree, None, rule), np.arange(len(forest))
+    for part, _, values in integrands(forest, every, order, lambda x: np.ones((len(x), 1)), None, rule):
+        np.add.at(volumes, space.cells[part], functions.T @ values)
+    return elasticity.prolongation.restrict(volumes)[:, 0]
+
+
 def finer_totals(scene: Scene, elasticity: Elasticity) -> FloatArray:
     """Force of each load given by a function, by a finer rule than in `load_and_totals`.
 

@@ -82,22 +82,27 @@ class RigidMotions:
         """As `along`, for each of the free motions: (n, k) [-]."""
         return self.along(points, bodies, direction) @ self.free.reshape(-1, 6 * len(self._mesh.bodies)).T
 
-    def unresisted(self, resistance: FloatArray) -> dict[str, str]:
-        """Bodies that move in a free motion without resistance, by name, and how, as "along x and about z".
+    def unresisted(self, resistance: FloatArray) -> FloatArray:
+        """Orthonormal free motions without resistance (l, k + m) [-].
 
         The resistance (k + m, k + m) is R^T R of all ranks [-]; a row of R is the `free_along` of the first body minus
         that of the second one at a point in contact, and then columns of m motions of obstacles.
         """
-        if not len(self.free):
-            return {}
         strength, vectors = np.linalg.eigh(resistance)
-        # For unit vectors: a row of R has a length of about 1, a body that moves has components above 1e-6.
-        loose = vectors.T[strength <= _ROUNDING * max(strength[-1], 1e-12), : len(self.free)]
-        moves = np.linalg.norm(np.tensordot(loose, self.free, axes=1), axis=0)
+        # For unit vectors a row of R has a length of about 1.
+        return np.asarray(vectors.T[strength <= _ROUNDING * max(strength[-1], 1e-12)])
+
+    def coefficients(self, motions: FloatArray) -> FloatArray:
+        """(l, nbodies, 6) [-] of free motions (l, k + m) as from `unresisted`."""
+        return np.tensordot(motions[:, : len(self.free)], self.free, axes=1)
+
+    def named(self, motions: FloatArray) -> dict[str, str]:
+        """Bodies that move in motions (l, nbodies, 6) [-], by name, and how, as "along x and about z"."""
+        moves = np.linalg.norm(motions, axis=0)
         return {
             name: " and ".join(text for text, size in zip(_MOTIONS, row) if size > _SHARE * row.max())
             for name, row in zip(self._mesh.bodies, moves)
-            if row.max() > 1e-6
+            if row.max() > 1e-6  # of unit vectors
         }
 
 

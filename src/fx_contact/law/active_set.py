@@ -37,7 +37,8 @@ def solve_law(
         trial = system.trial(u)
         law.turn_back(trial)
         loose = tolerance > options.tolerance
-        wanted = law.wanted(trial, system.solver.energy_error * options.tolerance / tolerance)
+        noise = max(system.solver.energy_error * options.tolerance / tolerance, system.solver.rounding(u))
+        wanted = law.wanted(trial, noise)
         if law.slides and law.slide(u, trial, system.solver.energy_error):
             law.restart(wanted, u, 0)
         elif law.differs(wanted) and not (loose and law.cycles(wanted)):

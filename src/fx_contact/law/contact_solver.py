@@ -12,7 +12,9 @@ from fx_contact.contact.contact_system import ContactSystem, LinearSystem
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
 from fx_contact.contact.row_motions import RowMotions
+from fx_contact.fem.body_motions import FreeMotions
 from fx_contact.law.active_set import solve_law
+from fx_contact.law.free_motions import LoadedMotions, driven_error
 from fx_contact.law.initial_guess import move_bodies, relax
 from fx_contact.law.settling import settle
 from fx_contact.law.tangents import tangential_vectors
@@ -40,6 +42,7 @@ class ContactSolution:
         row_force: (n + m,), of all rows, of the first side on the second along their directions; 0 in rows whose nodes
             are all constrained [N].
         motions: found along given forces, by the names of interfaces, as in `StepRecord.motions`.
+        free_motions: bodies that nothing holds and no load moves, by name, and how they could.
         slip: (n + m,), d of the load step in tangents of closed normals, else 0 [m].
         slipping: (n,), closed normals whose tangents slip.
         closed_anew: (n,), closed normals that were open before the load step; without friction none.
@@ -65,6 +68,7 @@ class ContactSolution:
     closed_anew: BoolArray
     traction: FloatArray | None
     motions: dict[str, float | list[float]]
+    free_motions: dict[str, str]
     yielded_rows: int
     energy_error: float
     rounding: float
@@ -137,7 +141,8 @@ def solve_system(
         matrix.assemble()
         load, root = _impose(problem)
     if rows is None or jump is None:
-        system = LinearSystem(problem, options.solver, stages, objects)
+        free = _without_contact(problem, load)
+        system = LinearSystem(problem, options.solver, stages, objects, free)
         with stages("solve"):
             u = system.solve(load, u, options.solver.tolerance)
         error, of_rows = system.solver.energy_error, _WITHOUT_ROWS
@@ -156,6 +161,7 @@ def solve_system(
             rows = jump.rows
             motions |= RowMotions.of(rows, turning=True).entries(distances)
         law.check_supported()
+        free = system.springs.free
         motions |= constant.entries(constant.found(rows.penetration(u)))
         of_rows = _of_rows(law, jump.movable, rows, u, trial)
     solution = ContactSolution(
@@ -164,6 +170,7 @@ def solve_system(
         krylov_iterations=list(system.solver.iterations),
         preconditioner=system.solver.preconditioner,
         motions=motions,
+        free_motions={} if free is None else free.named,
         energy_error=error,
         rounding=ROUNDING * float(np.sqrt(comm.allreduce(float(((root * u) ** 2).sum())))),
         **of_rows,
@@ -212,15 +219,25 @@ def _first_guess(
     jump, matrix = capped.jump, problem.matrix.mat
     rows = jump.rows
     exact, most = options.enforcement.method == "exact", options.solver.max_contact
-    status = Unilateral(rows, problem.scene, u, most, exact, problem.before)
-    if problem.scene is not None and not carried:
-        stiffness = status.active * rows.capped_stiffness
-        u = move_bodies(problem.scene, matrix, load, jump, stiffness, u, problem.supports)
+    status = Unilateral(rows, problem.bodies, load, u, most, exact, problem.before)
+    if problem.bodies is not None and not carried:
+        u = move_bodies(problem.bodies, matrix, load, jump, status.active * rows.capped_stiffness, u)
     capped.of(status.active).add_to(matrix)
     if carried and problem.volume is None:  # the matrix alone is too soft
         u = relax(matrix, load, capped, u, status, rows.prolongation.space.degree)
         status.reset_cycles()
     return status, u
+
+
+def _without_contact(problem: ContactProblem, load: FloatArray) -> FreeMotions | None:
+    """Free motions of bodies without contact.  Collective.  Raises SolveError: a load moves them."""
+    if problem.bodies is None or not len(problem.bodies.rigid.free):
+        return None
+    loaded, loose = LoadedMotions(problem.bodies, load), np.eye(len(problem.bodies.rigid.free))
+    free = loaded.free(loose)
+    if driven := loaded.driven(free, loose):
+        raise driven_error(driven)
+    return loaded.left_out(free)
 
 
 def _impose(problem: ContactProblem) -> tuple[FloatArray, FloatArray]:

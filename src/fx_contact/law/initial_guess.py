@@ -6,13 +6,12 @@ from petsc4py import PETSc
 
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
-from fx_contact.fem.supports import Supports
+from fx_contact.fem.body_motions import BodyMotions
 from fx_contact.law.unilateral import Unilateral
 from fx_contact.linalg.matrix import diagonal_blocks
 from fx_contact.linalg.operator import Equations, MatrixOperator
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.arrays import FloatArray
-from fx_contact.scene.scene import Scene
 
 #: Eigenvalues of the rigid motions' energy, relative to its diagonal, up to which they are the rounding of 0.
 _UNRESISTED = 1e-12
@@ -22,13 +21,7 @@ _RELAXATION, _UPDATES = {1: 15, 2: 5}, 5
 
 
 def move_bodies(
-    scene: Scene,
-    matrix: PETSc.Mat,
-    load: FloatArray,
-    jump: Jump,
-    stiffness: FloatArray,
-    u: FloatArray,
-    supports: Supports,
+    bodies: BodyMotions, matrix: PETSc.Mat, load: FloatArray, jump: Jump, stiffness: FloatArray, u: FloatArray
 ) -> FloatArray:
     """Add the rigid motions R a of all bodies that minimise the energy: R^T (K + B^T k B) R a = R^T r.
 
@@ -43,35 +36,25 @@ def move_bodies(
         stiffness: (n,), k [N/m].
         u: (owned, 3), displacement so far [m].
     """
-    rows, entries, motions, count = jump.rows, jump.rows.entries, scene.rigid_motions, len(scene.mesh.bodies)
-    prolongation, space = rows.prolongation, rows.prolongation.space
-    body = prolongation.injected(scene.mesh.body[space.forest.cell[space.example[:, 0]]].astype(np.int64))
-    modes = motions.modes(prolongation.injected(space.positions()), body).swapaxes(0, 1)
-    modes = np.stack([supports.free_part(mode) for mode in np.ascontiguousarray(modes)])
-
-    def of_bodies(modes: FloatArray, values: FloatArray) -> FloatArray:
-        """This rank's sums over each body of modes (6, owned, 3) times values (owned, 3): (nbodies, 6)."""
-        work = [np.einsum("ni,ni->n", mode, values) for mode in modes]
-        return np.stack([np.bincount(body, one, minlength=count) for one in work], axis=1)
-
+    rows, entries, modes = jump.rows, jump.rows.entries, bodies.modes
     with PetscObjects() as objects:
         operator = MatrixOperator(matrix, objects)
-        force = of_bodies(modes, Equations(load, PenaltyTerm(jump, stiffness)).residual(operator, u))
+        force = bodies.sums(Equations(load, PenaltyTerm(jump, stiffness)).residual(operator, u))
         products = np.zeros_like(modes)  # six suffice, for K does not couple bodies
         for mode in range(6):
             operator.add_product(modes[mode], products[mode])
-        diagonal = of_bodies(modes**2, operator.diagonal()).ravel()
+        diagonal = bodies.sums(operator.diagonal(), modes**2).ravel()
 
+    count = len(force)
     gram = np.zeros((count, 6, count, 6))
-    gram[np.arange(count), :, np.arange(count)] = np.stack([of_bodies(modes, one) for one in products], axis=2)
+    gram[np.arange(count), :, np.arange(count)] = np.stack([bodies.sums(one) for one in products], axis=2)
     across = np.zeros((len(rows), 6 * count))
     moved = rows.bodies[entries.row, entries.side]
-    np.add.at(across, entries.row, motions.along(rows.position[entries.row], moved, jump.values))
+    np.add.at(across, entries.row, bodies.rigid.along(rows.position[entries.row], moved, jump.values))
     square = gram.reshape(6 * count, -1) + (across.T * stiffness) @ across
     sums = np.concatenate([square, force.reshape(1, -1), (diagonal + stiffness @ across**2)[None]])
-    prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
-    motion = _solved(sums[:-2], sums[-2], sums[-1]).reshape(count, 6)
-    return u + np.einsum("nm,mni->ni", motion[body], modes)
+    rows.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
+    return u + bodies.displacement(_solved(sums[:-2], sums[-2], sums[-1]).reshape(count, 6))
 
 
 def _solved(matrix: FloatArray, right_hand_side: FloatArray, diagonal: FloatArray) -> FloatArray:

@@ -54,7 +54,9 @@ def find_closed_rows(system: ContactSystem, law: Unilateral, u: FloatArray) -> t
 
     def solved(stiffness: FloatArray, shift: FloatArray, tolerance: float) -> tuple[FloatArray, FloatArray]:
         """Displacement and forces of springs (n,) with shifts (n,) in the normals."""
-        every = Springs(np.where(normal, stiffness, others), np.where(normal, shift, shifts), springs.force)
+        every = Springs(
+            np.where(normal, stiffness, others), np.where(normal, shift, shifts), springs.force, springs.free
+        )
         towards = system.solve(every, u, tolerance, anew=True)
         return towards, system.forces(towards)
 

@@ -66,11 +66,11 @@ def settle(
     Raises:
         SolveError: an obstacle does not settle, or as `solve_law`.
     """
-    assert problem.rows_at is not None and problem.scene is not None
+    assert problem.rows_at is not None
     motions = RowMotions.of(jump.rows, turning=True)
     t = problem.distances
     step, before, z = np.zeros_like(t), np.inf, np.zeros((len(t), *u.shape))
-    size = np.abs(problem.scene.mesh.points).max() + np.abs(t).max()  # of positions
+    size = np.abs(jump.rows.kinds[0].scene.mesh.points).max() + np.abs(t).max()  # of positions
     for _ in range(_MOST):
         u, trial = solve_law(system, law, u, options)
         error, closed = system.solver.energy_error, law.active & jump.movable

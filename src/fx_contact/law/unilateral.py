@@ -18,11 +18,12 @@ from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_problem import History
 from fx_contact.contact.contact_system import Springs
 from fx_contact.contact.row_motions import RowMotions
+from fx_contact.fem.body_motions import BodyMotions
+from fx_contact.law.free_motions import LoadedMotions, driven_error
 from fx_contact.law.tangential import tangential_status
 from fx_contact.law.tangents import tangential_vectors
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
-from fx_contact.scene.scene import Scene
 
 #: Advice for a body that friction does not hold.
 _HOLD = (
@@ -37,7 +38,8 @@ class Unilateral:
     Collective on the prolongation's comm.
 
     Args:
-        scene: to support bodies that an active set leaves unconstrained; None: not checked.
+        bodies: to support those that loads move without resistance of an active set; None: not checked.
+        load: (owned, 3), right-hand side without contact [N].
         u: (owned, 3), displacement [m].
         most: linear solves; None: no limit.
         exact: closed rows do not yield.
@@ -64,18 +66,22 @@ class Unilateral:
     def __init__(
         self,
         rows: ConstraintRows,
-        scene: Scene | None,
+        bodies: BodyMotions | None,
+        load: FloatArray,
         u: FloatArray,
         most: int | None,
         exact: bool = True,
         before: History = History(),
     ) -> None:
-        self._rows, self._scene, self._most, self._exact, self._before = rows, scene, most, exact, before
+        self._rows, self._most, self._exact, self._before = rows, most, exact, before
         self._comm = rows.prolongation.comm
         self.updates, self.of_others, self._slides = 1, 0, 0
         self._needed = self._carried = 0.0  # tangential force of nodes that all stick, and its bound
         self._always, self.normal = rows.role == Role.EQUATION, rows.role == Role.NORMAL
         self._tangents, self._motions = tangential_status(rows, before), RowMotions.of(rows, turning=False)
+        self._rigid, self._loaded = None, None
+        if bodies is not None and len(bodies.rigid.free):
+            self._rigid, self._loaded = bodies.rigid, LoadedMotions(bodies, load, self._motions.loads)
         penetration = rows.penetration(u)
         deepest, rounding = self._largest(penetration), self._TOUCHING * self._max(np.abs(u))
         closed = self.normal & (penetration >= min(deepest, 0.0) - rounding)
@@ -96,8 +102,15 @@ class Unilateral:
         self.reset_cycles()
 
     def springs(self, active: BoolArray | None = None) -> Springs:
-        """Springs of the rows for closed normals and equations (n,), by default the present ones.  Local."""
+        """Springs of the rows for closed normals and equations (n,), by default the present ones."""
         active = self.active if active is None else active
+        springs = self._springs(active)
+        return (
+            springs if self._loaded is None else replace(springs, free=self._loaded.left_out(self._free(active)[0]))
+        )
+
+    def _springs(self, active: BoolArray) -> Springs:
+        """`springs`, without free motions.  Local."""
         rigid = self._exact | self._motions.moving
         springs = Springs(np.where(active, np.where(rigid, np.inf, self._rows.stiffness), 0.0))
         for tangents in self._tangents:
@@ -267,28 +280,41 @@ class Unilateral:
         return bool(same.any())
 
     def _supporting(self, active: BoolArray, penetration: FloatArray) -> BoolArray:
-        """An active set with the rows closest to touching that support unconstrained bodies."""
+        """An active set with the rows closest to touching that support driven bodies.  Raises SolveError."""
         active = active | self._always
-        self._loose = self._loose_bodies(active)
+        self._loose = self._driven(active)
         if self._loose:
             top, bottom = self._largest(penetration), -self._largest(-penetration)
-            for band in self._BANDS:
-                more: BoolArray = active | (self.normal & (penetration >= top - band * (top - bottom)))
-                if not self._loose_bodies(more):
-                    return more
+            if np.isfinite(top):
+                for band in self._BANDS:
+                    more: BoolArray = active | (self.normal & (penetration >= top - band * (top - bottom)))
+                    if not self._driven(more):
+                        return more
+            if not self._slides:
+                raise driven_error(self._driven(active | self.normal))
         return active
 
-    def _loose_bodies(self, active: BoolArray) -> list[str]:
-        """Names of the bodies that neither conditions nor the active rows support."""
-        rows = self._rows
-        if self._scene is None or not len(self._scene.rigid_motions.free):
-            return []
-        closed = self.springs(active).closed
-        motions, position = self._scene.rigid_motions, rows.position[closed]
-        normal = self.turned_rows().normal[closed]
-        first, second = (motions.free_along(position, bodies, normal) for bodies in rows.bodies[closed].T)
+    def _driven(self, active: BoolArray) -> dict[str, str]:
+        """Bodies that loads move without resistance by conditions and the active rows, or that slide, and how."""
+        return {} if self._loaded is None else self._loaded.driven(*self._free(active))
+
+    def _free(self, active: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Free motions, as of `LoadedMotions`, and all that closed normals and equations do not resist."""
+        assert self._loaded is not None
+        closed, normal = self._springs(active).closed, self.turned_rows().normal
+        loose = held = self._unresisted(closed, normal)
+        if self._tangents:
+            sticks = np.any([closed, *(tangents.closed(active) for tangents in self._tangents)], axis=0)
+            held = self._unresisted(sticks, normal)
+        return self._loaded.free(held), loose
+
+    def _unresisted(self, closed: BoolArray, normal: FloatArray) -> FloatArray:
+        """Motions that closed rows (n,) with directions (n, 3) do not resist."""
+        assert self._rigid is not None
+        rows, normal = self._rows, normal[closed]
+        first, second = (self._rigid.free_along(rows.position[closed], one, normal) for one in rows.bodies[closed].T)
         resisted = np.hstack([first - second, self._motions.rates[:, closed].T])  # sections and faces give way
-        return list(motions.unresisted(self._motions.sum(resisted.T @ resisted)))
+        return self._rigid.unresisted(self._motions.sum(resisted.T @ resisted))
 
     def _largest(self, values: FloatArray) -> float:
         """Largest of values (n,) in rows that may open."""

@@ -80,7 +80,7 @@ class KrylovMethod(ABC):
         self._ksp.setPC(outer)
         self._ksp.setOperators(operator, operator)
         self._x, self._b = map(objects.add, operator.createVecs())
-        self._rule: StoppingRule
+        self.rule: StoppingRule
 
     def _created(self, options: PetscOptions) -> PETSc.KSP:
         for name in sorted(_RESERVED & options.of_user.keys()):
@@ -108,7 +108,7 @@ class KrylovMethod(ABC):
     def set_up(self, coarse: CoarseLevel | None) -> None:
         """Build the preconditioner for the present values of the matrix."""
         self.preconditioner.set_up(self._matrix, coarse)
-        self._rule = StoppingRule(self._comm, self._energy_norm, self._full.diagonal())
+        self.rule = StoppingRule(self._comm, self._energy_norm, self._full.diagonal())
 
     def residual(self, equations: Equations, u: FloatArray) -> FloatArray:
         """The residual forces of the last solution, (owned, 3) [N]."""
@@ -152,9 +152,9 @@ class ConjugateGradients(KrylovMethod):
         """As `KrylovMethod.solve`, with the restarts of `stopping`."""
         x, b, ksp, count, error = self._x, self._b, self._ksp, 0, np.nan
         self._begin(equations)
-        start = reference = self._rule.energy_norm(u)
+        start = reference = self.rule.energy_norm(u)
         for _ in range(_RUNS):
-            allowed = self._rule.allowed(u, tolerance, reference)
+            allowed = self.rule.allowed(u, tolerance, reference)
             b.array[:] = self.residual(equations, u).ravel()
             ksp.setTolerances(rtol=tolerance, atol=allowed, divtol=_NO_LIMIT, max_it=most)
             reason, iterations = self._solved()
@@ -169,7 +169,7 @@ class ConjugateGradients(KrylovMethod):
             error, least = max(allowed, tolerance * first), 0.5 * max(reference, first)
             if start - moved >= least:
                 break
-            start = reference = self._rule.energy_norm(u)
+            start = reference = self.rule.energy_norm(u)
             if start >= least:
                 break
         return Outcome(u, reason, count, error)

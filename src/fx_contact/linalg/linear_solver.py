@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from fx_contact.linalg import ladder
 from fx_contact.linalg.krylov import ConjugateGradients, KrylovMethod
-from fx_contact.linalg.matrix import BlockMatrix
+from fx_contact.linalg.matrix import BlockMatrix, raise_diagonal
 from fx_contact.linalg.mixed_form import FlexibleGmres
 from fx_contact.linalg.operator import Equations, MatrixOperator, Operator, PressureOperator, Sum
 from fx_contact.linalg.p_multigrid import CoarseLevel
@@ -79,6 +79,7 @@ class LinearSolver:
         self.follows_matrix = isinstance(operator, MatrixOperator) and operator.mat is matrix.mat
         self._unknowns, self._most = self.matrix.getSize()[0], solver.max_krylov
         name, of_user = ladder.first_name(solver, coarse), _of_user(self._comm, solver)
+        self._singular = False
         self._patience = ladder.patience(solver, self._unknowns, of_user)
         options = ladder.first_options(self._comm, name, self._unknowns, coarse, of_user)
         self._options = PetscOptions(self._comm, _PREFIX, options, solver.options)
@@ -101,8 +102,14 @@ class LinearSolver:
         if self._volume is not None and not whole:
             return FlexibleGmres(options, self._operator, *given, self._volume)
         method = ConjugateGradients(options, Sum([self._operator, self._volume]), *given)
-        method.preconditioner.volume = self._volume
+        method.preconditioner.volume, method.preconditioner.singular = self._volume, self._singular
         return method
+
+    def regularise(self) -> None:
+        """Make the preconditioner, at the next set-up, one of a singular matrix."""
+        if not self._singular and self._coarse is not None:
+            raise_diagonal(self._coarse.matrix)
+        self._singular = self._method.preconditioner.singular = True
 
     def set_up(self) -> None:
         """Build the preconditioner for the present values of the matrix."""
@@ -113,6 +120,10 @@ class LinearSolver:
     def is_slow(self) -> bool:
         """True if a new set-up is cheaper: the last solve took more than 2 n + 20 iterations, the first n.  Local."""
         return self._first is not None and self.iterations[-1] > 2 * self._first + 20
+
+    def rounding(self, u: FloatArray) -> float:
+        """Error of a displacement (owned, 3) [m] by rounding, in the energy norm [J^(1/2)]."""
+        return self._method.rule.allowed(u, 0.0, 0.0)
 
     def residual(self, equations: Equations, u: FloatArray) -> FloatArray:
         """Residual forces (owned, 3) [N] of the last solution u (owned, 3) [m], also for another term."""

@@ -26,6 +26,8 @@ from fx_contact.parallel.mpi import together
 #: block of a symmetric matrix stands for two in the preconditioner.
 _PRECONDITIONER_BYTES = 50
 _BLOCK_BYTES, _COPY_BYTES = 76 + _PRECONDITIONER_BYTES, 108
+#: Part of the diagonal that makes a matrix definite: above rounding, below the stiffness of a body of a million nodes.
+_REGULAR = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +115,14 @@ def add_blocks(mat: PETSc.Mat, product: spmatrix, number: Int32Array) -> None:
     indptr = np.append(blocks.indptr[rows], len(blocks.indices)).astype(np.int32)
     columns, add = number[blocks.indices], PETSc.InsertMode.ADD
     mat.setValuesBlockedIJV(indptr, columns, blocks.data, addv=add, rowmap=number[rows])
+
+
+def raise_diagonal(mat: PETSc.Mat) -> None:
+    """Make a positive semidefinite matrix definite.  Collective on mat.comm."""
+    diagonal = mat.getDiagonal()
+    diagonal.scale(_REGULAR)
+    mat.setDiagonal(diagonal, PETSc.InsertMode.ADD)
+    diagonal.destroy()
 
 
 def is_symmetric(mat: PETSc.Mat) -> bool:

@@ -78,7 +78,7 @@ class FlexibleGmres(KrylovMethod):
                 return reasons.DIVERGED_MAX_IT if count >= most else reasons.ITERATING
             bound = self._bound(_array(ksp.buildResidual()))
             change, _ = self._parts(_array(ksp.buildSolution()))
-            allowed = self._rule.allowed(u + change, tolerance)
+            allowed = self.rule.allowed(u + change, tolerance)
             if bound <= allowed:
                 return reasons.CONVERGED_RTOL
             next_check = norm * min(allowed / bound + tolerance, 0.5)

@@ -2,7 +2,7 @@
 
 from petsc4py import PETSc
 
-from fx_contact.linalg.matrix import as_aij, diagonal_blocks
+from fx_contact.linalg.matrix import as_aij, diagonal_blocks, raise_diagonal
 from fx_contact.linalg.operator import PressureOperator, Projector
 from fx_contact.linalg.p_multigrid import CoarseLevel, solved_here, within_blocks
 from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
@@ -14,7 +14,7 @@ _OF_NODES = ("pbjacobi", "jacobi", "none")
 
 
 class Preconditioner:
-    """M^-1 for a matrix, or for its sum with a `volume` term, which changes no sparsity.
+    """M^-1 for a matrix, perhaps `singular`, or for its sum with a `volume` term, which changes no sparsity.
 
     Collective on options.comm.  hypre smooths with the values of the matrix itself, not with a copy: without `set_up`
     after a change of the matrix M may be indefinite.
@@ -25,6 +25,7 @@ class Preconditioner:
         self.pc = objects.add(PETSc.PC().create(options.comm))
         self.pc.setOptionsPrefix(options.prefix)
         self.volume: PressureOperator | None = None
+        self.singular = False
         self._copy: PETSc.Mat | None = None  # in AIJ
         self._smooths_blocks = False  # PETSc can be told once
 
@@ -55,6 +56,8 @@ class Preconditioner:
             copy.destroy()
         if self.volume is not None:
             self.volume.add_to(self._copy)
+        if self.singular:
+            raise_diagonal(self._copy)
         return self._copy
 
     def reset(self) -> None:

@@ -17,7 +17,6 @@ from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import as_tuple, check_count, check_label, check_vector, nearest, shown
 from fx_contact.scene.scene_items import SceneItems
 from fx_contact.scene.scene_validation import (
-    check_constrained,
     check_loads,
     check_mirrored,
     check_obstacles,
@@ -94,8 +93,8 @@ class Scene(SceneItems):
         check_strains(self)
         check_obstacles(self)
         check_ties(self)
-        check_constrained(self)
         check_mirrored(self)
+        _ = self.contact_surfaces, self.pairing, self.rigid_motions  # their errors belong here
         names = [interface.name for interface in self.interfaces]
         for name in names:
             if names.count(name) > 1:

@@ -7,7 +7,6 @@ import numpy as np
 from fx_contact.geometry.hexahedral_mesh import PLANE
 from fx_contact.geometry.hexahedron import face_nodes, grid_points
 from fx_contact.geometry.lattice import SIDE
-from fx_contact.geometry.rigid_motions import resisting_points
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.boundary_conditions import COMPONENTS, SymmetryPlane
 from fx_contact.items.contact import ContactPair
@@ -15,7 +14,7 @@ from fx_contact.items.materials import Orthotropic
 from fx_contact.items.obstacles import RigidSurface
 from fx_contact.items.ties import Preload, Tie
 from fx_contact.items.units import pascals
-from fx_contact.parallel.arrays import FloatArray, IntArray
+from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.scene.scene_items import SceneItems
 
@@ -31,8 +30,6 @@ _LARGEST_STRAIN = 1.0
 #: Largest distance of tied surfaces, over the diagonal of the larger of two facets [-].  The chords of a circle in four
 #: facets are 0.207 of their length away from it.
 _APART = 0.25
-#: Instead of a body, of facets that face nothing.
-_NOTHING = -2
 #: Largest part of a body's volume inside an obstacle: with the wrong sign of a radius, or the wrong normal, all but an
 #: interference is inside, else the interference.
 _INSIDE = 0.5
@@ -293,57 +290,3 @@ def _between(scene: SceneItems, index: int) -> tuple[FloatArray, FloatArray]:
     found = pair.faced(here.reshape(-1, 3), np.repeat(mesh.outward_normals(first), 9, axis=0))
     facet, distance = found.facet.reshape(here.shape[:2]), found.distance.reshape(here.shape[:2])
     return distance, np.maximum(size, np.where(facet >= 0, other[facet], 0.0))
-
-
-def check_constrained(scene: SceneItems) -> None:
-    """Raises SceneError for a rigid motion that no condition, contact or tie resists."""
-    motions = scene.rigid_motions
-    of, first, opposite = _facing_bodies(scene)
-    direction = scene.contact_directions(of, first)
-    every = np.array([one.EQUALITY or one.tangential is not None for one in scene.interfaces], dtype=bool)
-    tied, axes = every[of], np.tile(np.eye(3), (int(every[of].sum()), 1))
-    direction = np.concatenate([direction[~tied], axes])
-    of, first, opposite = (
-        np.concatenate([values[~tied], np.repeat(values[tied], 3, axis=0)]) for values in (of, first, opposite)
-    )
-    normal = np.array([one.unit_direction is None for one in scene.interfaces], dtype=bool) & ~every
-    along_normals = normal[of]
-    points = resisting_points(scene.mesh, first, direction, along_normals).reshape(-1, 3)
-    here, there = (
-        motions.free_along(points, np.repeat(bodies, 4), np.repeat(direction, 4, axis=0))
-        for bodies in (scene.mesh.body[first[:, 0]], opposite)
-    )
-    # Unknown motions give way; `direction` is against the force on an obstacle.
-    normals = np.repeat(direction, 4, axis=0)
-    yields = [
-        np.repeat(of == index, 4)[:, None] * interface.motion.rates(normals, points).T
-        for index, interface in enumerate(scene.oriented)
-        if interface.motion is not None
-    ]
-    resisted = np.column_stack([here - there, *yields])
-    loose = motions.unresisted(resisted.T @ resisted)
-    if loose:
-        raise SceneError(
-            f"nothing holds body {', '.join(f'{name!r} {ways}' for name, ways in loose.items())}: no displacement "
-            "condition, spring or contact stops this motion; prescribe displacements that do (a vertex is enough where "
-            "no force acts)"
-        )
-
-
-def _facing_bodies(scene: SceneItems) -> tuple[IntArray, IntArray, IntArray]:
-    """Contacts (n,) of facets (n, 2) on first surfaces, and bodies (n,) that they face, -1: an obstacle.
-
-    Without facets that face nothing.
-    """
-    surfaces = scene.contact_surfaces
-    table = surfaces.table[surfaces.table[:, 1] == 0]
-    of, first = table[:, 0], table[:, 2:]
-    pairs = np.array([len(one.surfaces) == 2 for one in scene.interfaces], dtype=bool)[of]
-    partner = scene.pairing.partner[first[:, 0], first[:, 1], 0]
-    bodies = np.where(pairs, scene.mesh.body[partner], -1)
-    for index, pair in surfaces.nonmatching.items():
-        faced = pair.faced_samples.max(axis=1)  # any of them
-        there = scene.mesh.body[pair.second.facets[faced, 0]]
-        bodies[of == index] = np.where(faced >= 0, there, _NOTHING)
-    some = bodies != _NOTHING
-    return of[some], first[some], bodies[some]

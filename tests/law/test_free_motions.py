@@ -1,0 +1,154 @@
+"""Motions that nothing resists: left out where no load drives them, with forces and pressures that need no springs."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from conftest import WORLD
+
+from fx_contact import (
+    Beginning,
+    BodyForce,
+    ContactPair,
+    Dirichlet,
+    Displacement,
+    ErrorControl,
+    Material,
+    Pressure,
+    RigidPlane,
+    RigidSphere,
+    Scene,
+    SolveError,
+    Solver,
+    adapt,
+    ball,
+    block,
+    cylinder,
+    ring,
+    root_mesh_from_shapes,
+    solve,
+)
+
+pytestmark = pytest.mark.ranks(1, 2, 3)
+DEGREES = pytest.mark.parametrize("degree", (1, 2))
+SOFT = Material(1000.0, 0.3)
+EVERY = "along x and along y and along z and about x and about y and about z"
+
+
+def resultant(record, name):
+    """The force of a resultant (3,)."""
+    (one,) = (one for one in record.resultants if one.name == name)
+    return np.array(one.force)
+
+
+@DEGREES
+@pytest.mark.parametrize("preconditioner", (None, "boomeramg", "cholesky"))
+def test_a_ring_in_space(degree, preconditioner):
+    """Lame's displacement below pressure inside, about an axis that stays where it is; its estimated error is true."""
+    mesh = root_mesh_from_shapes({"ring": ring(inner=1, outer=2, length=1, cells=(2, 2, 1))})
+    scene = Scene("ring", mesh, {"ring": SOFT}, tractions=Pressure("ring inside", 1.0))
+    expected = (0.7 * 2 + 1.3 * 4 / 2) / (1000 * 3)  # p a^2 ((1 - nu) r + (1 + nu) b^2 / r) / (E (b^2 - a^2))
+    goals = [Displacement((2.0, 0.0, 0.5), (1, 0, 0), 0.02), Displacement((0.0, -2.0, 0.5), (0, 1, 0), 0.02)]
+    record = solve(scene, 0.1, degree=degree, goals=goals, solver=Solver(preconditioner)).record
+    assert record.free_motions == {"ring": EVERY} and record.reached
+    for goal, sign in zip(record.goals, (1, -1)):
+        assert abs(goal.value - sign * expected) < max(1.5 * goal.error, 1e-3 * expected)
+    pushed = replace(scene, body_forces=BodyForce("ring", (0, 0, 1e-3)))
+    with pytest.raises(SolveError, match="nothing holds body 'ring' along z: a load drives this motion"):
+        next(adapt(pushed, 0.5, degree=degree))
+
+
+def on_block(**changes):
+    """A ball on a block by its weight, without planes of symmetry."""
+    shapes = {
+        "ball": ball(1.0, 1).placed(lambda x: (x[0], x[1], x[2] + 1)),
+        "base": block((-1.5, -1.5, -1.5), (1.5, 1.5, 0), (3, 3, 2)),
+    }
+    scene = Scene(
+        "ball",
+        root_mesh_from_shapes(shapes),
+        dict.fromkeys(shapes, SOFT),
+        Dirichlet("base bottom", 0, 0, 0),
+        ContactPair("ball outside", "base top"),
+        body_forces=BodyForce("ball", (0, 0, -1.0)),
+    )
+    return replace(scene, **changes)
+
+
+def test_a_ball_by_its_weight():
+    """It may spin; its weight arrives at the bottom, without a warning."""
+    record = solve(on_block(), 0.2).record
+    assert record.free_motions == {"ball": "about x and about y and about z"} and record.reached
+    assert resultant(record, "base bottom") == pytest.approx([0, 0, 4 / 3 * np.pi], rel=1e-3, abs=1e-6)
+    assert not record.doubts and "body 'ball' is free about x and about y and about z" in str(record)
+    lifted = on_block(body_forces=BodyForce("ball", (0, 0, 1.0)))
+    with pytest.raises(SolveError, match="nothing holds body 'ball' once the contact opens"):
+        next(adapt(lifted, 0.5))
+
+
+def box(cells=1, closing=0.05):
+    """Eight balls that touch each other and the walls around them, the lid moved down."""
+    shapes, contacts = {}, []
+    for place in product(range(2), repeat=3):
+        name = "ball " + "".join(map(str, place))
+        shape = ball(1.0, cells).placed(lambda x, place=place: [x[i] + 2 * place[i] for i in range(3)])
+        for axis, high in enumerate(place):
+            shape = shape.named("xyz"[axis], "outside")
+            point, normal = np.zeros(3), np.zeros(3)
+            point[axis], normal[axis] = (3.0, -1.0) if high else (-1.0, 1.0)
+            point[2] -= closing * (axis == 2 and high)
+            contacts.append(ContactPair(f"{name} {'xyz'[axis]}", RigidPlane(tuple(point), tuple(normal))))
+            if not high:
+                other = "".join(str(1 if i == axis else value) for i, value in enumerate(place))
+                contacts.append(ContactPair(f"{name} outside", f"ball {other} outside"))
+        shapes[name] = shape
+    return Scene("box", root_mesh_from_shapes(shapes), dict.fromkeys(shapes, SOFT), contact=tuple(contacts))
+
+
+def test_balls_in_a_box():
+    """Each of eight balls may roll; forces are alike by symmetry."""
+    scene = box()
+    begin = Beginning.uniform(scene, 1, WORLD)
+    record = solve(scene, 0.5, beginning=begin, max_steps=1, control=ErrorControl("energy")).record
+    assert len(record.free_motions) == 8 and all(
+        "about x and about y" in ways for ways in record.free_motions.values()
+    )
+    forces = zip((pair.name for pair in scene.contact), record.pair_forces)
+    down = [force for name, force in forces if "z on rigid" in name]
+    assert down == pytest.approx([down[0]] * 8, rel=1e-6) and down[0] > 0.5
+    assert not record.doubts and "many directions" not in str(record)
+
+
+def test_a_roller_in_a_groove():
+    """A roller between two planes may shift along its axis: each plane bears its weight over sqrt 2."""
+    mesh = root_mesh_from_shapes({"roller": cylinder(1.0, 1.0, (2, 2)).named("right", "outside")})
+    planes = (
+        ContactPair("roller outside", RigidPlane((-(2**-0.5), -(2**-0.5), 0), (1, 1, 0))),
+        ContactPair("roller right", RigidPlane((2**-0.5, -(2**-0.5), 0), (-1, 1, 0))),
+    )
+    scene = Scene("roller", mesh, {"roller": SOFT}, contact=planes, body_forces=BodyForce("roller", (0, -1.0, 0)))
+    record = solve(scene, 0.3).record
+    assert record.pair_forces == pytest.approx([np.pi / 2**0.5] * 2, rel=1e-3)
+    assert record.free_motions == {"roller": "along z"} and not record.doubts
+    with pytest.raises(SolveError, match="nothing holds body 'roller' along z"):
+        next(adapt(replace(scene, body_forces=BodyForce("roller", (0, -1.0, 0.1))), 0.5))
+
+
+def test_a_plate_that_rocks():
+    """On two of four points below a central load, not where the load beside it closes a third."""
+    mesh = root_mesh_from_shapes({"plate": block((0, 0, 0), (3, 3, 1), (3, 3, 1), 1)})
+    names = {
+        f"at {x} {y}": RigidSphere((x, y, -0.1 - gap), 0.1) for x, y, gap in ((0, 0, 0), (3, 3, 0), (0, 3, 1e-3))
+    }
+    mesh = replace(mesh, surfaces=mesh.surfaces | {name: mesh.surface("plate bottom") for name in names})
+    contacts = tuple(ContactPair(name, sphere) for name, sphere in names.items())
+    weight = BodyForce("plate", (0, 0, -1e-3))
+    scene = Scene("plate", mesh, {"plate": SOFT}, contact=contacts, body_forces=weight)
+    record = solve(scene, 0.9, max_steps=1).record
+    assert "about x and about y" in record.free_motions["plate"]
+    assert record.pair_forces == pytest.approx([4.5e-3, 4.5e-3, 0], abs=1e-9)
+    aside = Pressure("plate top", lambda x: 1e-3 * x[1])  # 0.0135 at (1.5, 2)
+    record = solve(replace(scene, tractions=aside), 0.9, max_steps=1).record
+    assert "about x" not in record.free_motions["plate"] and "about z" in record.free_motions["plate"]
+    assert record.pair_forces == pytest.approx([0.009, 0.01125, 0.00225], rel=1e-6)
