@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from fx_contact import Enforcement, Material
+from fx_contact import BodyForce, Enforcement, Material
 from fx_contact.geometry.shapes import rotation
 from fx_contact.results.analytic import Hertz
 from fx_contact.scenes import indentation, punch, stack
@@ -235,11 +235,13 @@ def held_by_contact():
     for value, make in {
         "pulled up": partial(punch, force=-1e-3),
         "pulled stack": partial(stack, pressure=-0.01),
-        "free sideways": lambda: without(punch(), "x = 0"),
-        "block between gaps": partial(stack, displacement=0.01, gap=0.1),
-        "middle block free": lambda: without(stack(), "x = 0", "y = 0"),
+        "pushed sideways": lambda: replace(without(punch(), "x = 0"), body_forces=BodyForce("cube", (1e-6, 0, 0))),
     }.items():
         yield Case("held by contact", "refused", value, make, None)
+    make, twin = (lambda plane=plane: without(punch(), plane) for plane in ("x = 0", "y = 0"))
+    yield Case("held by contact", "free", "sideways", make, Twin(twin))
+    between = partial(stack, displacement=0.01, gap=0.1)
+    yield Case("held by contact", "free", "block between gaps", between, Exact(force=0.0))
 
 
 def between_nodes():

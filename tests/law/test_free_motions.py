@@ -152,3 +152,22 @@ def test_a_plate_that_rocks():
     record = solve(replace(scene, tractions=aside), 0.9, max_steps=1).record
     assert "about x" not in record.free_motions["plate"] and "about z" in record.free_motions["plate"]
     assert record.pair_forces == pytest.approx([0.009, 0.01125, 0.00225], rel=1e-6)
+
+
+def test_a_body_that_gives_way():
+    """Below a block that is moved down nothing holds the other one: no force, and a doubt."""
+    shapes = {name: block((0, 0, z), (1, 1, z + 1), (2, 2, 2), 1) for z, name in enumerate(("base", "upper"))}
+    scene = Scene(
+        "blocks",
+        root_mesh_from_shapes(shapes),
+        dict.fromkeys(shapes, SOFT),
+        Dirichlet("upper top", 0, 0, -0.01),
+        ContactPair("upper bottom", "base top"),
+    )
+    record = solve(scene, 0.1, max_steps=1).record
+    assert abs(record.force) < 1e-9 and record.estimate == 0
+    (doubt,) = record.doubts
+    assert doubt.kind == "no contact" and "body 'base' gives way, since nothing holds it" in str(doubt)
+    held = replace(scene, dirichlet=(*scene.dirichlet, Dirichlet("base bottom", 0, 0, 0)))
+    record = solve(held, 0.1, max_steps=1).record
+    assert record.force > 1 and record.free_motions is None and not record.doubts

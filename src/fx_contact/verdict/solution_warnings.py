@@ -89,6 +89,7 @@ def warnings_of_state(state: SolvedState, load_totals: FloatArray) -> list[Model
     if rows is not None:
         closed = state.forest.comm.allreduce(bool(state.solution.active.any()), op=MPI.LOR)
         warnings += _sliding(state, rows) + _initial_overlaps(state, rows) if closed else [_no_contact(state, rows)]
+        warnings += _giving_way(state) if closed else []
         warnings += [*_large_load_steps(state, rows), *_cut_off(state, rows), *_oblique(state, rows)]
     return warnings + _uncovered_ties(state.scene) + _unresolved_loads(state, load_totals)
 
@@ -188,6 +189,17 @@ def _no_contact(state: SolvedState, rows: ConstraintRows) -> ModelWarning:
         f"{gap:.3g}, in units of the mesh, at {_shown(place)}"
     )
     return ModelWarning("no contact", gap, 0.0, place, message)
+
+
+def _giving_way(state: SolvedState) -> list[ModelWarning]:
+    """Bodies that contact moves and nothing holds: there is no stress."""
+    names = ", ".join(map(repr, state.solution.free_motions))
+    if not names or state.estimate.energy_norm or load_warnings(state.scene):
+        return []
+    message = (
+        f"contact presses nothing: body {names} gives way, since nothing holds it; prescribe displacements that do"
+    )
+    return [ModelWarning("no contact", 0.0, 0.0, state.scene.name, message)]
 
 
 def _initial_overlaps(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
