@@ -5,11 +5,12 @@ import pytest
 from basix import LagrangeVariant
 from conftest import WORLD
 from dolfinx import mesh as dolfinx_mesh
+from dolfinx.mesh import compute_midpoints, locate_entities
 from dolfinx_meshes import of_dolfinx, tagged
 from model_problems import pressed, two_boxes
 from mpi4py import MPI
 
-from fx_contact import GeometryError, RootMesh, SceneError, solve
+from fx_contact import Dirichlet, GeometryError, Material, RootMesh, Scene, SceneError, contacts_between, solve
 from fx_contact.scene.fingerprint import mesh_digest
 from fx_contact.scenes import hertz
 
@@ -100,3 +101,48 @@ def test_other_cells(kind):
     mesh = box(kind)
     with pytest.raises(GeometryError, match=kind.name):
         RootMesh.from_dolfinx(mesh, tagged(mesh, 3, [], []), tagged(mesh, 2, [], []), {}, {})
+
+
+def two_halves(joint=7):
+    """The box in two bodies that share nodes, with tags of its ends and of the facets between them."""
+    mesh = box()
+    middle = compute_midpoints(mesh, 3, np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32))
+    cell_tags = tagged(mesh, 3, np.arange(len(middle)), np.where(middle[:, 0] < 1, 1, 2))
+    places = {5: 0.0, joint: 1.0, 6: 2.0}
+    facets = [locate_entities(mesh, 2, lambda x, at=at: np.isclose(x[0], at)) for at in places.values()]
+    order, tags = np.argsort(np.concatenate(facets)), np.repeat([*places], [len(some) for some in facets])
+    return mesh, cell_tags, tagged(mesh, 2, np.concatenate(facets)[order], tags[order])
+
+
+def test_bodies_cut_apart():
+    """Two halves of a box press each other along facets that they shared; each keeps its part of a named surface."""
+    given = *two_halves(), {1: "left", 2: "right"}, {5: "left end", 6: "right end", 7: "joint"}
+    with pytest.raises(SceneError, match="bodies 'left' and 'right' share .*: cut them apart .`split=True`"):
+        RootMesh.from_dolfinx(*given)
+    with pytest.raises(SceneError, match="`split` must be True or False, got 1"):
+        RootMesh.from_dolfinx(*given, split=1)
+    with pytest.raises(SceneError, match="`split` makes two surfaces 'left to right'"):
+        RootMesh.from_dolfinx(*given[:-1], {5: "left to right"}, split=True)
+    with pytest.raises(SceneError, match="no facet lies between two bodies"):
+        RootMesh.from_dolfinx(*given[:3], {1: "box", 2: "box"}, {}, split=True)
+    root = RootMesh.from_dolfinx(*given, split=True)
+    assert set(root.surfaces) == {
+        "left end",
+        "right end",
+        "left to right",
+        "right to left",
+        "left joint",
+        "right joint",
+    }
+    assert len(root.points) == 5 * 9 + 9 and len(root.cells) == 16
+    for name, other in (("left to right", "left joint"), ("right to left", "right joint")):
+        assert np.array_equal(root.surfaces[name], root.surfaces[other]) and len(root.surfaces[name]) == 4
+        assert np.allclose(root.facet_points(root.surfaces[name])[..., 0], 1)
+    scene = Scene(
+        "halves",
+        root,
+        {"left": Material(1.0, 0.0), "right": Material(1.0, 0.0)},
+        (Dirichlet("left end", 0, 0, 0), Dirichlet("right end", -0.02)),
+        contacts_between(root, within=1e-6),
+    )
+    assert len(scene.contact) == 1 and solve(scene, 0.1).record.force == pytest.approx(0.01, rel=1e-6)

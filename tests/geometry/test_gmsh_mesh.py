@@ -52,6 +52,39 @@ def test_a_surface_apart():
         root_mesh_from_gmsh(MPI.COMM_WORLD, lambda: box(beside=True))
 
 
+def fragments():
+    """Two boxes that share a face, named, with an edge and a corner of it."""
+    gmsh.clear()
+    occ = gmsh.model.occ
+    occ.fragment([(3, occ.addBox(0, 0, 0, 1, 1, 1))], [(3, occ.addBox(0, 0, 1, 1, 1, 1))])
+    occ.synchronize()
+    for tag, name in enumerate(("lower", "upper"), 1):
+        gmsh.model.addPhysicalGroup(3, [tag], name=name)
+    flat = (-0.1, -0.1, 0.9, 1.1, 1.1, 1.1)
+    gmsh.model.addPhysicalGroup(2, [tag for _, tag in gmsh.model.getEntitiesInBoundingBox(*flat, 2)], name="face")
+    edge = (-0.1, -0.1, 0.9, 1.1, 0.1, 1.1)
+    gmsh.model.addPhysicalGroup(1, [tag for _, tag in gmsh.model.getEntitiesInBoundingBox(*edge, 1)], name="edge")
+    corner = (-0.1, -0.1, 0.9, 0.1, 0.1, 1.1)
+    gmsh.model.addPhysicalGroup(0, [tag for _, tag in gmsh.model.getEntitiesInBoundingBox(*corner, 0)], name="corner")
+    gmsh.model.mesh.setTransfiniteAutomatic(recombine=True)
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(2)
+
+
+def test_fragments_cut_apart():
+    """Each body has its side of what they shared: face, edge and corner."""
+    mesh = root_mesh_from_gmsh(MPI.COMM_WORLD, fragments, split=True)
+    assert set(mesh.surfaces) == {"lower to upper", "upper to lower", "lower face", "upper face"}
+    sides = [mesh.facet_points(mesh.surfaces[name]) for name in ("lower to upper", "upper to lower")]
+    assert all(np.allclose(x[..., 2], 1) for x in sides) and len(sides[0]) == len(sides[1]) > 1
+    assert len(mesh.vertices["corner"]) == 2 and np.allclose(mesh.points[mesh.vertices["corner"]], [0, 0, 1])
+    bodies = np.zeros(len(mesh.points), dtype=int)
+    bodies[mesh.cells] = mesh.body[:, None]
+    assert set(bodies[mesh.nodes_of("edge")]) == set(bodies[mesh.vertices["corner"]]) == {0, 1}
+    with pytest.raises(SceneError, match="share the node .* cut them apart"):
+        root_mesh_from_gmsh(MPI.COMM_WORLD, fragments)
+
+
 def plate_and_pin():
     """A plate with a hole and a pin with play: subdivided tetrahedra, quadratic, with facets alike in the hole."""
     gmsh.clear()

@@ -20,7 +20,7 @@ from fx_contact.parallel.errors import PartitionError, SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.memory import check_leaves
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import check_comm, check_count, check_number, check_same_comm, shown
+from fx_contact.parallel.validation import check_comm, check_count, check_flag, check_number, check_same_comm, shown
 from fx_contact.scene.fingerprint import same_mesh, scene_parts
 from fx_contact.scene.scene import Scene, check_scene
 
@@ -48,8 +48,7 @@ class Beginning:
         forest, values = self.forest, self.values
         if not isinstance(forest, Forest):
             raise SceneError(f"the forest of a Beginning must be a Forest, got {shown(forest)}")
-        if not isinstance(self.adapted, bool):
-            raise SceneError(f"`adapted` of a Beginning must be True or False, got {shown(self.adapted)}")
+        check_flag("`adapted` of a Beginning", self.adapted)
         check_same_comm("the forest of the Beginning", forest.comm, comm)
         if not same_mesh(forest.mesh, scene.mesh):
             raise SceneError("the forest of the Beginning is of another root mesh than the scene: begin with its own")

@@ -14,6 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.geometry import hexahedron
+from fx_contact.geometry.body_cut import cut_bodies
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.geometry.root_mesh_checks import MAX_ORDER
 from fx_contact.parallel.agreement import shared_path
@@ -21,17 +22,18 @@ from fx_contact.parallel.arrays import Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import check_comm, shown
+from fx_contact.parallel.validation import check_comm, check_flag, shown
 
 
 @collective("comm")
-def root_mesh_from_gmsh(comm: MPI.Intracomm, build: Callable[[], object]) -> RootMesh:
+def root_mesh_from_gmsh(comm: MPI.Intracomm, build: Callable[[], object], *, split: bool = False) -> RootMesh:
     """Root mesh, the same on all ranks, of a model built with Gmsh on rank 0.
 
     Collective on comm.
 
     Args:
         build: leaves a meshed current model; called on rank 0 only, with Gmsh initialised and silent.
+        split: bodies share nodes, as after `fragment`, and are cut apart, with surfaces in between as of `cut_bodies`.
 
     Raises:
         GeometryError, SceneError: as `RootMesh`; cells that are not hexahedra, or an order above 6.
@@ -45,14 +47,14 @@ def root_mesh_from_gmsh(comm: MPI.Intracomm, build: Callable[[], object]) -> Roo
         parts = _with_gmsh(build) if comm.rank == 0 else {}
     parts = comm.bcast(parts, root=0)
     with together(comm):
-        return RootMesh(**parts)
+        return RootMesh(**(cut_bodies(parts) if check_flag("`split`", split) else parts))
 
 
 @collective("comm")
-def root_mesh_from_file(comm: MPI.Intracomm, path: str | Path) -> RootMesh:
+def root_mesh_from_file(comm: MPI.Intracomm, path: str | Path, *, split: bool = False) -> RootMesh:
     """Root mesh, the same on all ranks, from a .msh file with hexahedra and physical groups, read on rank 0.
 
-    Collective on comm.  Raises SceneError if Gmsh cannot read the file, and as `root_mesh_from_gmsh`.
+    Collective on comm.  Arguments and errors as of `root_mesh_from_gmsh`; SceneError if Gmsh cannot read the file.
     """
     check_comm(comm)
     source = shared_path(comm, "a mesh file", path)
@@ -72,7 +74,7 @@ def root_mesh_from_file(comm: MPI.Intracomm, path: str | Path) -> RootMesh:
         except Exception as error:  # Gmsh has no error type of its own
             raise SceneError(f"Gmsh cannot read {str(source)!r}: {error}; is it whole? write it again") from None
 
-    return root_mesh_from_gmsh(comm, read)
+    return root_mesh_from_gmsh(comm, read, split=split)
 
 
 def _with_gmsh(build: Callable[[], object]) -> dict[str, Any]:
@@ -195,11 +197,11 @@ def _facing(
         wanted = np.sort(nodes.reshape(-1, (order + 1) ** dimension)[:, :m].astype(np.int64), axis=1)
         if not len(wanted):
             continue
-        _, first, which = np.unique(np.concatenate([known, wanted]), axis=0, return_index=True, return_inverse=True)
-        found = first[which.ravel()[len(known) :]]
-        if found.max() >= len(known):
+        _, which = np.unique(np.concatenate([known, wanted]), axis=0, return_inverse=True)
+        which, elements = which.ravel()[: len(known)], which.ravel()[len(known) :]
+        if not np.isin(elements, which).all():
             raise SceneError(f"group {name!r} of the Gmsh model has elements that belong to no cell of any body")
-        groups[name] = np.stack(np.divmod(np.unique(found), k), axis=1)
+        groups[name] = np.stack(np.divmod(np.flatnonzero(np.isin(which, elements)), k), axis=1)
     return groups
 
 

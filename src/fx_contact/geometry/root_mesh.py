@@ -9,13 +9,14 @@ import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 from mpi4py import MPI
 
+from fx_contact.geometry.body_cut import cut_bodies
 from fx_contact.geometry.dolfinx_mesh import gathered_arrays
 from fx_contact.geometry.hexahedral_mesh import HexahedralMesh
 from fx_contact.geometry.root_mesh_checks import check_mesh, take_arrays
 from fx_contact.parallel.arrays import IntArray
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import check_comm
+from fx_contact.parallel.validation import check_comm, check_flag
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,18 +73,21 @@ class RootMesh(HexahedralMesh):
         surfaces: Mapping[int, str],
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         parts: Mapping[int, str] | None = None,
+        *,
+        split: bool = False,
     ) -> Self:
         """Root mesh from a dolfinx mesh of hexahedra, with cells and nodes in the order of the mesh's input.
 
         Collective on comm.
 
         Args:
-            mesh: hexahedra of order 1 to 6; bodies in contact share no nodes.
+            mesh: hexahedra of order 1 to 6.
             cell_tags: body of each cell; None if there is one body.
             facet_tags: surface of each facet; those with tags that are not in `surfaces` belong to none.
             bodies: tag -> name of a body; several tags may have the same name.
             surfaces: tag -> name of a surface; several tags may have the same name.
             parts: tag, among those of `bodies`, -> name of a part of the body; None: bodies have no parts.
+            split: bodies share nodes and are cut apart, with surfaces in between as of `cut_bodies`.
 
         Raises:
             GeometryError: cells that are not complete hexahedra in 3D, or as `RootMesh`.
@@ -93,7 +97,7 @@ class RootMesh(HexahedralMesh):
         check_comm(comm)
         arrays = gathered_arrays(comm, mesh, cell_tags, facet_tags, bodies, surfaces, {} if parts is None else parts)
         with together(comm):
-            return cls(**arrays)
+            return cls(**(cut_bodies(arrays) if check_flag("`split`", split) else arrays))
 
 
 def summary(head: str, lists: Mapping[str, Sequence[str]]) -> str:

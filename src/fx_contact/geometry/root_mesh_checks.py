@@ -195,8 +195,8 @@ def _check_bodies(mesh: HexahedralMesh) -> None:
         node = mesh.cells[cell, node]
         raise SceneError(
             f"bodies {mesh.bodies[mesh.body[cell]]!r} and {mesh.bodies[owner[node]]!r} share the node at "
-            f"{mesh.points[node]}: give each body nodes of its own (bodies meet by contact only), or make them "
-            "parts of one body"
+            f"{mesh.points[node]}: bodies meet by contact only: cut them apart (`split=True` of meshes from "
+            "dolfinx or Gmsh), or make them parts of one body"
         )
     body = _in_pieces(mesh, mesh.corners)
     if body is not None:

@@ -34,6 +34,13 @@ def check_number(what: str, value: object, positive: bool = False) -> float:
     return number
 
 
+def check_flag(what: str, value: object) -> bool:
+    """The value.  Raises SceneError unless it is True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise SceneError(f"{what} must be True or False, got {shown(value)}")
+    return bool(value)
+
+
 def check_degrees(what: str, value: object) -> float:
     """An angle [degrees].  Raises SceneError for whole degrees in radians, and for what is no finite number."""
     angle = check_number(what, value)

@@ -28,6 +28,7 @@ from fx_contact.parallel.validation import (
     as_path,
     check_comm,
     check_count,
+    check_flag,
     check_number,
     check_tolerance,
     percent,
@@ -148,10 +149,7 @@ class LoadPath:
         check_comm(comm)
         with together(comm):
             self._values = _checked(scene_of, values, tolerance, options)
-            if not isinstance(restart, bool):
-                raise SceneError(
-                    f"restart of a load path must be True or False, its folder is `folder`, got {shown(restart)}"
-                )
+            check_flag("restart of a load path, whose folder is `folder`,", restart)
             if restart and folder is None:
                 raise SceneError("a load path restarts from the folder of one before: name it")
             self._folder = None if folder is None else as_path("the folder of a load path", folder)

@@ -6,7 +6,7 @@ import numpy as np
 
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.contact import ContactPair
-from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.validation import check_kind, check_number
 from fx_contact.surfaces.nonmatching import SAMPLES, NonmatchingSurfaces
 from fx_contact.surfaces.surface_projection import SurfaceProjection
@@ -36,18 +36,20 @@ def contacts_between(mesh: RootMesh, within: float) -> tuple[ContactPair, ...]:
             continue
         trees |= {name: SurfaceProjection(mesh, mesh.surface(name)) for name in {one, two} - trees.keys()}
         pair = NonmatchingSurfaces(mesh, ContactPair(one, two), trees[one], trees[two])
-        near, count = _near(pair, within), len(pair.first) + len(pair.second)
+        (near, faced), count = _near(pair, within), len(pair.first) + len(pair.second)
         if near.any():
-            found.append((float(near @ pair.first.size**2), count, (one, two), pair.first.facets[near > 0]))
+            facets = pair.first.facets[near > 0], pair.second.facets[faced]
+            found.append((float(near @ pair.first.size**2), count, (one, two), facets))
     taken, result = np.zeros((len(mesh.cells), 6, len(mesh.bodies)), dtype=bool), []
     largest = max((area for area, *_ in found), default=1.0)
     # Of equal areas, to rounding, that with fewer facets.
     found.sort(key=lambda candidate: (-round(candidate[0] / largest, 9), candidate[1]))
     for _, _, (one, two), facets in found:
-        cell, face = facets.T[:, :, None]
-        if not taken[cell, face, bodies[two]].all():
+        sides = [(*own.T[:, :, None], bodies[other]) for own, other in zip(facets, (two, one))]
+        if not taken[sides[0]].all():
             result.append(ContactPair(one, two))
-        taken[cell, face, bodies[two]] = True
+        for side in sides:
+            taken[side] = True
     return tuple(result)
 
 
@@ -56,9 +58,9 @@ def _box(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     return points.min(axis=(0, 1)), points.max(axis=(0, 1))
 
 
-def _near(surfaces: NonmatchingSurfaces, within: float) -> FloatArray:
-    """(n,), parts of facets of the first surface that face the second one within a distance."""
+def _near(surfaces: NonmatchingSurfaces, within: float) -> tuple[FloatArray, IntArray]:
+    """(n,), parts of facets of the first surface near the second one, within a distance, and facets (m,) of that."""
     at = surfaces.first.at(np.arange(len(surfaces.first)), SAMPLES)
     found = surfaces.faced(at.position.reshape(-1, 3), at.normal.reshape(-1, 3))
     near = (found.facet >= 0) & (np.abs(found.distance) <= within)
-    return np.asarray(near.reshape(len(surfaces.first), -1).mean(axis=1))
+    return near.reshape(len(surfaces.first), -1).mean(axis=1), np.unique(found.facet[near])
