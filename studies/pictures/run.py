@@ -86,6 +86,7 @@ SCENES = {
     "press_fit": (partial(example, "press_fit"), 1),
     "sandwich_beam": (partial(example, "sandwich_beam"), 20),
     "rubber_seal": (partial(example, "rubber_seal"), 5),
+    "gasketed_joint": (partial(example, "gasketed_joint"), 20),
 }
 #: Magnification where the contact is small beside the bodies.
 ZOOM = {"crossed_cylinders": 3, "shaft_in_bore": 2.5, "coated_half_space": 18}

@@ -52,8 +52,8 @@ def test_pages(name):
 
 
 def test_list():
-    """All seven."""
-    assert len(NAMES) == 7
+    """All eight."""
+    assert len(NAMES) == 8
 
 
 @serial
@@ -139,3 +139,16 @@ def test_bolt_through_two_plates(tmp_path):
     stiff = 20 / 4**2 + 20 / (16**2 - 4.5**2)
     soft = (20 + 2 * 4) / 4**2 + 20 / (7**2 - 4.5**2)
     assert strain * stiff < found["closing"] < strain * soft
+
+
+@serial
+def test_gasketed_joint(tmp_path, monkeypatch):
+    """Both interfaces bear the load; the seal pressure is that of the disc's facets, and larger beside the load."""
+    pytest.importorskip("gmsh")
+    monkeypatch.chdir(tmp_path)
+    found, lines = result("gasketed_joint", tmp_path)
+    record, (mean, area, least, largest) = found["step"].record, lines[-1]
+    assert record.reached and set(record.free_motions) == {"base", "gasket", "lid"} and not record.doubts
+    assert record.pair_forces == pytest.approx([1000.0, 1000.0], rel=0.01)
+    assert record.pair_forces[0] == pytest.approx(record.pair_forces[1], rel=1e-6)
+    assert mean == pytest.approx(area, rel=0.01) and least < mean < largest < 1.1 * least

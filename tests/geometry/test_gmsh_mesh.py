@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fx_contact import SceneError
+from fx_contact import SceneError, contacts_between
 from fx_contact.geometry import hexahedron
 from fx_contact.geometry.gmsh_mesh import root_mesh_from_gmsh
 from fx_contact.items.contact import ContactPair
@@ -71,6 +71,12 @@ def fragments():
     gmsh.model.mesh.setOrder(2)
 
 
+def fragments_without_names():
+    """The same without physical groups."""
+    fragments()
+    gmsh.model.removePhysicalGroups()
+
+
 def test_fragments_cut_apart():
     """Each body has its side of what they shared: face, edge and corner."""
     mesh = root_mesh_from_gmsh(MPI.COMM_WORLD, fragments, split=True)
@@ -83,6 +89,30 @@ def test_fragments_cut_apart():
     assert set(bodies[mesh.nodes_of("edge")]) == set(bodies[mesh.vertices["corner"]]) == {0, 1}
     with pytest.raises(SceneError, match="share the node .* cut them apart"):
         root_mesh_from_gmsh(MPI.COMM_WORLD, fragments)
+
+
+def assembly(names=("Shapes/joint/pad", "Shapes/joint/pad", "")):
+    """Three boxes without physical groups, two of them side by side on the third, with the names of CAD parts."""
+    gmsh.clear()
+    occ = gmsh.model.occ
+    for low, size in (((0, 0, 1), (1, 1, 1)), ((2, 0, 1), (1, 1, 1)), ((0, 0, 0), (3, 1, 1))):
+        occ.addBox(*low, *size)
+    occ.synchronize()
+    for tag, name in enumerate(names, 1):
+        gmsh.model.setEntityName(3, tag, name)
+    gmsh.model.mesh.setTransfiniteAutomatic(recombine=True)
+    gmsh.model.mesh.generate(3)
+
+
+def test_an_assembly():
+    """Volumes are bodies by the names of their parts, faces are surfaces, and pairs are proposed."""
+    mesh = root_mesh_from_gmsh(MPI.COMM_WORLD, assembly)
+    assert mesh.bodies == ("pad", "pad 2", "solid") and len(mesh.surfaces) == 18
+    pairs = contacts_between(mesh, within=1e-6)
+    assert {mesh.bodies[mesh.body[mesh.surface(pair.first)[0, 0]]] for pair in pairs} == {"pad", "pad 2"}
+    assert len(pairs) == 2 and all(pair.second.startswith("solid face ") for pair in pairs)
+    mesh = root_mesh_from_gmsh(MPI.COMM_WORLD, fragments_without_names, split=True)
+    assert {"solid to solid 2", "solid 2 to solid"} < set(mesh.surfaces) and len(mesh.surfaces) == 12
 
 
 def plate_and_pin():

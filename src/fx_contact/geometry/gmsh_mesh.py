@@ -1,8 +1,9 @@
 """Root meshes from Gmsh: the current model, or a .msh file, of any order up to 6.
 
 Physical groups give the names: volumes are bodies, or parts of a body if they are in another, larger group, that of
-the body; surfaces, curves and points are surfaces, curves and vertices.  The order of Gmsh's nodes is computed from
-the local coordinates that Gmsh reports.
+the body; surfaces, curves and points are surfaces, curves and vertices.  Without groups of volumes each volume is a
+body with the name of its CAD part, and their faces are surfaces, "PART face 1" and so on.  The order of Gmsh's nodes is
+computed from the local coordinates that Gmsh reports.
 """
 
 import traceback
@@ -42,12 +43,13 @@ def root_mesh_from_gmsh(comm: MPI.Intracomm, build: Callable[[], object], *, spl
     """
     check_comm(comm)
     with together(comm):
+        check_flag("`split`", split)
         if comm.rank == 0 and not callable(build):
             raise GeometryError(f"build must be a function without arguments that makes a mesh, got {shown(build)}")
         parts = _with_gmsh(build) if comm.rank == 0 else {}
     parts = comm.bcast(parts, root=0)
     with together(comm):
-        return RootMesh(**(cut_bodies(parts) if check_flag("`split`", split) else parts))
+        return RootMesh(**(cut_bodies(parts) if split else parts))
 
 
 @collective("comm")
@@ -102,7 +104,8 @@ def _with_gmsh(build: Callable[[], object]) -> dict[str, Any]:
 def _read_model(model: Any) -> dict[str, Any]:
     """Arguments of RootMesh from the current Gmsh model."""
     element_type, order, tensor_order = _hexahedron(model)
-    bodies, parts = _bodies_and_parts(model)
+    solids, faces = ({}, {}) if model.getPhysicalGroups(3) else _assembly(model)
+    bodies, parts = _bodies_and_parts(model, solids)
     volumes, of_body = np.concatenate(list(bodies.values())), [len(own) for own in bodies.values()]
     groups = [model.mesh.getElementsByType(element_type, volume)[1] for volume in volumes]
     count = [len(group) // len(tensor_order) for group in groups]
@@ -118,19 +121,34 @@ def _read_model(model: Any) -> dict[str, Any]:
         "cells": cells,
         "bodies": tuple(bodies),
         "body": body,
-        "surfaces": _facing(model, 2, ("Quadrangle", order), corners, hexahedron.FACE_CORNERS),
-        "curves": _facing(model, 1, ("Line", order), corners, hexahedron.EDGE_CORNERS),
+        "surfaces": _facing(
+            model, 2, faces | _groups(model, 2), ("Quadrangle", order), corners, hexahedron.FACE_CORNERS
+        ),
+        "curves": _facing(model, 1, _groups(model, 1), ("Line", order), corners, hexahedron.EDGE_CORNERS),
         "vertices": _vertices(model, used),
         "parts": {name: np.flatnonzero(np.isin(volume, own)) for name, own in parts.items()},
     }
 
 
-def _bodies_and_parts(model: Any) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
+def _assembly(model: Any) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
+    """Name -> the volume of each CAD part, and each face of one of them alone."""
+    solids, faces = dict[str, IntArray](), dict[str, IntArray]()
+    for _, volume in model.getEntities(3):
+        label = model.getEntityName(3, volume).rpartition("/")[2].strip() or "solid"
+        same = [name for name in solids if name == label or name.rpartition(" ")[0] == label]
+        body = f"{label} {len(same) + 1}" if same else label
+        solids[body] = np.array([volume])
+        own = [face for face in model.getAdjacencies(3, volume)[1] if len(model.getAdjacencies(2, face)[0]) == 1]
+        faces |= {f"{body} face {number}": np.array([face]) for number, face in enumerate(own, 1)}
+    return solids, faces
+
+
+def _bodies_and_parts(model: Any, solids: dict[str, IntArray]) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
     """Name -> volumes of each body, and of each part: a group whose volumes, with others, are another group.
 
     Raises SceneError unless every volume is in a group.
     """
-    groups = _groups(model, 3)
+    groups = solids or _groups(model, 3)
     nameless = {tag for _, tag in model.getEntities(3)}.difference(*groups.values())
     if nameless:
         raise SceneError(
@@ -177,9 +195,14 @@ def _groups(model: Any, dimension: int) -> dict[str, IntArray]:
 
 
 def _facing(
-    model: Any, dimension: int, family: tuple[str, int], corners: Int64Array, local: IntArray
+    model: Any,
+    dimension: int,
+    groups: dict[str, IntArray],
+    family: tuple[str, int],
+    corners: Int64Array,
+    local: IntArray,
 ) -> dict[str, IntArray]:
-    """Name -> rows (cell, local face or edge) of the physical groups of a dimension, 2 or 1.
+    """Name -> rows (cell, local face or edge) of groups of entities of a dimension, 2 or 1.
 
     Args:
         family: Gmsh's name of their elements, and the order.
@@ -189,8 +212,8 @@ def _facing(
     (k, m), order = local.shape, family[1]
     element_type = model.mesh.getElementType(*family)
     known = np.sort(corners[:, local], axis=2).reshape(-1, m)
-    groups = {}
-    for name, entities in _groups(model, dimension).items():
+    rows = {}
+    for name, entities in groups.items():
         if {kind for entity in entities for kind in model.mesh.getElementTypes(dimension, entity)} - {element_type}:
             raise GeometryError(f"group {name!r} of the Gmsh model needs {family[0]}s alone: recombine its surfaces")
         nodes = np.concatenate([model.mesh.getElementsByType(element_type, entity)[1] for entity in entities])
@@ -201,8 +224,8 @@ def _facing(
         which, elements = which.ravel()[: len(known)], which.ravel()[len(known) :]
         if not np.isin(elements, which).all():
             raise SceneError(f"group {name!r} of the Gmsh model has elements that belong to no cell of any body")
-        groups[name] = np.stack(np.divmod(np.flatnonzero(np.isin(which, elements)), k), axis=1)
-    return groups
+        rows[name] = np.stack(np.divmod(np.flatnonzero(np.isin(which, elements)), k), axis=1)
+    return rows
 
 
 def _vertices(model: Any, used: Int64Array) -> dict[str, IntArray]:

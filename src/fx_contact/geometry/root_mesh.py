@@ -95,9 +95,11 @@ class RootMesh(HexahedralMesh):
                 a cell without body, another communicator, or as `RootMesh`.
         """
         check_comm(comm)
+        with together(comm):
+            check_flag("`split`", split)
         arrays = gathered_arrays(comm, mesh, cell_tags, facet_tags, bodies, surfaces, {} if parts is None else parts)
         with together(comm):
-            return cls(**(cut_bodies(arrays) if check_flag("`split`", split) else arrays))
+            return cls(**(cut_bodies(arrays) if split else arrays))
 
 
 def summary(head: str, lists: Mapping[str, Sequence[str]]) -> str:

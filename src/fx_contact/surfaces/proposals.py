@@ -3,6 +3,7 @@
 from itertools import combinations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.contact import ContactPair
@@ -10,6 +11,9 @@ from fx_contact.parallel.arrays import FloatArray, IntArray
 from fx_contact.parallel.validation import check_kind, check_number
 from fx_contact.surfaces.nonmatching import SAMPLES, NonmatchingSurfaces
 from fx_contact.surfaces.surface_projection import SurfaceProjection
+
+#: Cosine of unit normals below which they are opposite: 95 degrees.
+_OPPOSITE = -0.1
 
 
 def contacts_between(mesh: RootMesh, within: float) -> tuple[ContactPair, ...]:
@@ -36,6 +40,8 @@ def contacts_between(mesh: RootMesh, within: float) -> tuple[ContactPair, ...]:
             continue
         trees |= {name: SurfaceProjection(mesh, mesh.surface(name)) for name in {one, two} - trees.keys()}
         pair = NonmatchingSurfaces(mesh, ContactPair(one, two), trees[one], trees[two])
+        if not _turned_towards(pair, within):
+            continue
         (near, faced), count = _near(pair, within), len(pair.first) + len(pair.second)
         if near.any():
             facets = pair.first.facets[near > 0], pair.second.facets[faced]
@@ -56,6 +62,17 @@ def contacts_between(mesh: RootMesh, within: float) -> tuple[ContactPair, ...]:
 def _box(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Least and largest coordinates (3,) of points (n, k, 3) [m]."""
     return points.min(axis=(0, 1)), points.max(axis=(0, 1))
+
+
+def _turned_towards(surfaces: NonmatchingSurfaces, within: float) -> bool:
+    """True if normals of near samples are opposite, unlike those of sides of bodies that touch along an edge."""
+    (x, normal), (y, other) = (
+        (at.position.reshape(-1, 3), at.normal.reshape(-1, 3))
+        for at in (facets.at(np.arange(len(facets)), SAMPLES) for facets in (surfaces.first, surfaces.second))
+    )
+    distance, nearest = cKDTree(y).query(x, distance_upper_bound=within + surfaces.depth)
+    near = np.isfinite(distance)
+    return bool((normal[near] * other[nearest[near]]).sum(axis=1).min(initial=0.0) < _OPPOSITE)
 
 
 def _near(surfaces: NonmatchingSurfaces, within: float) -> tuple[FloatArray, IntArray]:
