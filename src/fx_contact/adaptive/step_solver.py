@@ -49,9 +49,8 @@ from fx_contact.verdict.penetration import penetrations
 from fx_contact.verdict.resultants import Resultant, sum_up
 from fx_contact.verdict.solution_warnings import load_warnings, warnings_of_state
 
-#: Without contact, an energy norm up to this many times rounding is that of a rigid motion: taken as 0.  Half-spheres
-#: that do not touch, moved by 1e-6 to 1 of their radius, have 0.3 to 0.8 times rounding
-#: (`test_bodies_that_do_not_touch`).
+#: Without contact, or with free bodies, an energy norm up to this many times rounding is that of a rigid motion, 0.
+#: Half-spheres that do not touch have 0.3 to 0.8 times rounding (`test_bodies_that_do_not_touch`).
 RIGID = 1e3
 #: Largest part of the prescribed error for linear solver and rounding: errors add in squares, and a tenth adds 0.5 %.
 SOLVER_SHARE = 0.1
@@ -258,14 +257,12 @@ def _estimate(
     scene, forest, elasticity = settings.scene, start.forest, discrete.elasticity
     shear_free = find_shear_free(scene, forest, elasticity.prolongation)
     estimator = Estimator(elasticity, shear_free, stages, body_force(scene, elasticity))
-    # Bodies that an obstacle pushes away without resistance touch it by rounding.
     touches = not solution.free_motions and forest.comm.allreduce(bool(solution.force.any()), op=MPI.LOR)
     field = elasticity.field(solution.displacement, loaded=True)
     # Stresses below the tolerance of those of full restraint count as 0: bodies that expand freely have none.
     least = settings.tolerance * elasticity.restraint_norm()
     error = estimator.error(field, 0.0 if touches else RIGID * solution.rounding, least=least)
-    every = solution.rows
-    rows = None if every is None or not scene.contact else every.part(Role.NORMAL)
+    rows = solution.rows.part(Role.NORMAL) if solution.rows is not None and scene.contact else None
     state = SolvedState(scene, forest, elasticity, field, rows, solution, error.estimate)
     if rows is not None:
         state = replace(state, estimate=replace(error.estimate, at_edge=cells_at_edge(state)))
