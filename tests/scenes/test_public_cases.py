@@ -1,0 +1,147 @@
+"""Cases from public threads, with right values by statics and known solutions; none has a warning."""
+
+import numpy as np
+import pytest
+
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Material,
+    Pressure,
+    Scene,
+    SymmetryPlane,
+    ThermalStrain,
+    block,
+    ring,
+    root_mesh_from_shapes,
+    solve,
+)
+
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
+
+def pressed(name, shapes, materials, held, contacts, loads, tolerance=0.1, **options):
+    """The record of a scene by shapes."""
+    mesh = root_mesh_from_shapes(shapes)
+    if isinstance(materials, Material):
+        materials = dict.fromkeys(shapes, materials)
+    record = solve(Scene(name, mesh, materials, held, contacts, loads), tolerance, **options).record
+    assert not record.doubts, record.doubts
+    return record
+
+
+def test_blocks_whose_contacts_cross_in_a_line():
+    """code_aster, V6.04.511: four blocks of unlike moduli, meshed apart, under unlike pressures."""
+    places = {"ll": (0, 0, 2, 1.0), "lr": (1, 0, 3, 10.0), "ul": (0, 1, 4, 100.0), "ur": (1, 1, 5, 1.0)}
+    shapes = {
+        name: block((x, y, 0), (x + 1, y + 1, 0.5), (cells, cells, 1), 1) for name, (x, y, cells, _) in places.items()
+    }
+    held = [SymmetryPlane(f"{name} left") for name in ("ll", "ul")] + [
+        SymmetryPlane(f"{n} front") for n in ("ll", "lr")
+    ]
+    held += [SymmetryPlane(f"{name} {side}") for name in places for side in ("bottom", "top")]
+    pairs = [("ll right", "lr left"), ("ul right", "ur left"), ("ll back", "ul front"), ("lr back", "ur front")]
+    loads = {"lr right": 1e-3, "ur right": 2e-3, "ul back": 3e-3, "ur back": 1e-3}
+    record = pressed(
+        "cross",
+        shapes,
+        {name: Material(young, 0.3) for name, (*_, young) in places.items()},
+        tuple(held),
+        tuple(ContactPair(*pair) for pair in pairs),
+        tuple(Pressure(*load) for load in loads.items()),
+        max_steps=2,
+    )
+    assert record.pair_forces == pytest.approx([5e-4, 1e-3, 1.5e-3, 5e-4], rel=1e-6)
+
+
+@pytest.mark.parametrize("cells", [(2, 2, 4), (3, 2, 4)], ids=["alike", "apart"])
+def test_a_lid_across_a_joint(cells):
+    """Its bottom is in contact with two blocks, which stand side by side on a plane and may part."""
+    shapes = {
+        "lid": block((0, 0, 1), (2, 1, 2), (2 * cells[0], cells[0], 2), 1),
+        "left": block((0, 0, 0), (1, 1, 1), (2, 2, 2), 1),
+        "right": block((1, 0, 0), (2, 1, 1), (2, 2, 2), 1),
+    }
+    record = pressed(
+        "lid",
+        shapes,
+        Material(1.0, 0.0),
+        (Dirichlet("left bottom", z=0.0), Dirichlet("right bottom", z=0.0)),
+        (ContactPair("lid bottom", ("left top", "right top")), ContactPair("left right", "right left")),
+        (Pressure("lid top", 1e-3),),
+        max_steps=2,
+    )
+    assert record.pair_forces == pytest.approx([2e-3, 0.0], rel=1e-6, abs=1e-9)
+    assert set(record.free_motions) == {"lid", "left", "right"}
+
+
+def rings(heat):
+    """Forces of the two interfaces of three rings, an eighth: interference 0.01, play 0.02, then heat."""
+    radii, moduli, ratios, alpha = (20, 30, 40, 50), (210e3, 70e3, 210e3), (0.3, 0.33, 0.3), (12e-6, 23e-6, 12e-6)
+    names = "inner", "middle", "outer"
+    shapes = {name: ring(a, b, 5, (2, 4, 1), quarters=1) for name, a, b in zip(names, radii, radii[1:])}
+    scene = Scene(
+        "rings",
+        root_mesh_from_shapes(shapes),
+        {name: Material(young, ratio) for name, young, ratio in zip(names, moduli, ratios)},
+        tuple(SymmetryPlane(f"{name} {side}") for name in names for side in ("x = 0", "y = 0", "bottom")),
+        (
+            ContactPair("inner outside", "middle inside", clearance=-0.01),
+            ContactPair("middle outside", "outer inside", clearance=0.02),
+        ),
+        strains=tuple(ThermalStrain(name, a, heat) for name, a in zip(names, alpha)) if heat else (),
+        symmetry=8,
+    )
+    return np.array(solve(scene, 0.03).record.pair_forces) / (2 * np.pi * np.array([30, 40]) * 10)
+
+
+@pytest.mark.parametrize(
+    "heat, expected", [(0, (4.99847, 0)), (40, (0, 0)), (50, (0, 0.720172)), (200, (0, 24.4859))]
+)
+def test_rings_pressed_and_heated(heat, expected):
+    """CalculiX #98: pressures by Lame's formulas; at 40 K the middle ring is free."""
+    assert rings(heat) == pytest.approx(expected, rel=0.005, abs=0.01)
+
+
+@pytest.mark.parametrize("count", [3, 5])
+def test_a_chain_of_thin_rings(count):
+    """Each interface of a stack of rings of 1 by 7, meshed apart, bears the load."""
+    shapes, cells = {}, (4, 3, 5)
+    for number in range(count):
+        shape = ring(5, 12, 1, (2, cells[number % 3], 1), quarters=1)
+        shapes[f"ring {number}"] = shape.shifted(z=number)
+    held = [SymmetryPlane(f"{name} {side}") for name in shapes for side in ("x = 0", "y = 0")]
+    contacts = tuple(ContactPair(f"ring {n} top", f"ring {n + 1} bottom") for n in range(count - 1))
+    area = np.pi * (12**2 - 5**2) / 4
+    record = pressed(
+        "chain",
+        shapes,
+        Material(210e3, 0.3),
+        (Dirichlet("ring 0 bottom", z=0.0), *held),
+        contacts,
+        (Pressure(f"ring {count - 1} top", 1000 / area),),
+        max_steps=2,
+    )
+    assert record.pair_forces == pytest.approx([1000.0] * (count - 1), rel=0.02)
+    assert np.ptp(record.pair_forces) < 1e-3
+
+
+def test_a_soft_pad():
+    """Of Poisson's ratio 0.4999 between stiff plates, meshed apart: without friction the first mesh is exact."""
+    heights = {"lower": (0, 0.5), "pad": (0.5, 0.7), "upper": (0.7, 1.2)}
+    shapes = {
+        name: block((0, 0, low), (1, 1, high), (*2 * (2 + (name == "pad"),), 1), 1)
+        for name, (low, high) in heights.items()
+    }
+    held = [SymmetryPlane(f"{name} {side}") for name in shapes for side in ("left", "front")]
+    record = pressed(
+        "pad",
+        shapes,
+        {"lower": Material(1e3, 0.0), "pad": Material(1.0, 0.4999), "upper": Material(1e3, 0.0)},
+        (Dirichlet("lower bottom", z=0.0), Dirichlet("upper top", z=-0.002), *held),
+        (ContactPair("pad bottom", "lower top"), ContactPair("upper bottom", "pad top")),
+        (),
+        max_steps=1,
+    )
+    # the pad spreads beyond the plates by nu times its strain on two of its sides
+    assert record.pair_forces == pytest.approx([0.002 / (0.2 + 1e-3)] * 2, rel=1e-3)
