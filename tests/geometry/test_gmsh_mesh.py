@@ -111,6 +111,8 @@ def test_an_assembly():
     pairs = contacts_between(mesh, within=1e-6)
     assert {mesh.bodies[mesh.body[mesh.surface(pair.first)[0, 0]]] for pair in pairs} == {"pad", "pad 2"}
     assert len(pairs) == 2 and all(pair.second.startswith("solid face ") for pair in pairs)
+    mesh = root_mesh_from_gmsh(MPI.COMM_WORLD, lambda: assembly(("plate 2", "plate", "plate")))
+    assert mesh.bodies == ("plate 2", "plate", "plate 3")
     mesh = root_mesh_from_gmsh(MPI.COMM_WORLD, fragments_without_names, split=True)
     assert {"solid to solid 2", "solid 2 to solid"} < set(mesh.surfaces) and len(mesh.surfaces) == 12
 

@@ -21,6 +21,7 @@ from fx_contact import (
     Scene,
     SolveError,
     Solver,
+    ThermalStrain,
     adapt,
     ball,
     block,
@@ -33,6 +34,7 @@ from fx_contact import (
 pytestmark = pytest.mark.ranks(1, 2, 3)
 DEGREES = pytest.mark.parametrize("degree", (1, 2))
 SOFT = Material(1000.0, 0.3)
+UP = (0.0, 0.0, 1.0)
 EVERY = "along x and along y and along z and about x and about y and about z"
 
 
@@ -171,3 +173,73 @@ def test_a_body_that_gives_way():
     held = replace(scene, dirichlet=(*scene.dirichlet, Dirichlet("base bottom", 0, 0, 0)))
     record = solve(held, 0.1, max_steps=1).record
     assert record.force > 1 and record.free_motions is None and not record.doubts
+
+
+def stack(count, cells=2, **changes):
+    """Cubes on a rigid plane, the uppermost under pressure, that nothing else holds."""
+    shapes = {f"cube {n}": block((0, 0, n), (1, 1, n + 1), (cells,) * 3, 1) for n in range(count)}
+    pairs = [ContactPair(f"cube {n + 1} bottom", f"cube {n} top") for n in range(count - 1)]
+    plane = ContactPair("cube 0 bottom", RigidPlane((0, 0, 0), (0, 0, 1)))
+    scene = Scene(
+        "stack",
+        root_mesh_from_shapes(shapes),
+        dict.fromkeys(shapes, SOFT),
+        contact=(plane, *pairs),
+        tractions=Pressure(f"cube {count - 1} top", 1.0),
+    )
+    return replace(scene, **changes)
+
+
+@pytest.mark.parametrize("count, cells, degree", [(2, 2, 2), (2, 1, 1), (2, 3, 1), (4, 2, 1), (5, 1, 2)])
+def test_a_stack_on_a_plane(count, cells, degree):
+    """Each interface has the load; each cube may shift and turn."""
+    record = solve(stack(count, cells), 0.3, degree=degree, max_steps=1).record
+    assert record.pair_forces == pytest.approx([1.0] * count, rel=1e-6) and not record.doubts
+    assert set(record.free_motions) == {f"cube {n}" for n in range(count)}
+
+
+def test_a_small_force_beside_large_ones():
+    """A body that a small force moves is named, however hard another one is squeezed."""
+    squeezed = [Pressure(f"cube 0 {side}", 1e6) for side in ("left", "right")]
+    scene = stack(
+        2,
+        materials={"cube 0": Material(1e10, 0.3), "cube 1": Material(1e10, 0.3)},
+        tractions=(*squeezed, Pressure("cube 1 top", 1.0)),
+    )
+    assert solve(scene, 0.3, max_steps=1).record.pair_forces[1] == pytest.approx(1.0, rel=0.01)
+    with pytest.raises(SolveError, match="nothing holds body 'cube 1' along x: a load drives"):
+        next(adapt(replace(scene, body_forces=BodyForce("cube 1", (0.1, 0, 0))), 0.3))
+
+
+@pytest.mark.parametrize("cells", [1, 2])
+def test_a_ball_below_a_lid(cells):
+    """Between a plane and a lid with a load: its mean normals at the poles are not quite vertical."""
+    shapes = {
+        "ball": ball(1.0, cells).placed(lambda x: (x[0], x[1], x[2] + 1)),
+        "lid": block((-1.5, -1.5, 2), (1.5, 1.5, 3.5), (2, 2, 1)),
+    }
+    contacts = ContactPair("lid bottom", "ball outside"), ContactPair("ball outside", RigidPlane((0, 0, 0), UP))
+    mesh = root_mesh_from_shapes(shapes)
+    scene = Scene("lid", mesh, dict.fromkeys(shapes, SOFT), contact=contacts, tractions=Pressure("lid top", 0.2))
+    record = solve(scene, 0.3, degree=1, max_steps=2).record
+    assert record.pair_forces == pytest.approx([1.8, 1.8], rel=1e-2)
+
+
+@DEGREES
+def test_an_obstacle_with_a_force_on_a_free_body(degree):
+    """Against an equal pressure: any place of the obstacle is right.  Against another one it does not settle."""
+    shapes = {"cube": block((0, 0, 0), (1, 1, 1), (2, 2, 2), 1)}
+    plane = ContactPair("cube top", RigidPlane((0, 0, 1), (0, 0, -1)), force=(0, 0, -1.0))
+    below = Pressure("cube bottom", 1.0)
+    scene = Scene("press", root_mesh_from_shapes(shapes), {"cube": SOFT}, contact=plane, tractions=below)
+    record = solve(scene, 0.3, degree=degree, max_steps=1).record
+    assert record.pair_forces == pytest.approx([1.0], rel=1e-6)
+    with pytest.raises(SolveError, match="does not settle"):
+        next(adapt(replace(scene, tractions=Pressure("cube bottom", 1.1)), 0.3, degree=degree))
+
+
+def test_a_warm_body_on_another_one():
+    """It expands without stress, and no warning of contact that has rounding alone."""
+    scene = stack(2, 1, tractions=(), strains=ThermalStrain("cube 0", 1e-5, 100.0))
+    record = solve(scene, 0.3, max_steps=1).record
+    assert max(map(abs, record.pair_forces)) < 1e-9 and not [one for one in record.doubts if one.kind == "sliding"]

@@ -56,6 +56,8 @@ from fx_contact.parallel.timing import Stages
 #: spheres, cylinders and shrink_fit at both degrees.  _LOOSE takes 2 or 3 iterations and suffices for a bound, the
 #: estimate plus this change, on any number of ranks; _TIGHT takes 9 to 24.  The share of a penalty needs _TIGHT.
 _LOOSE, _TIGHT = 0.2, 1e-6
+#: Slopes of the forces of obstacles, relative to the largest, that are rounding: of those on a body that is free.
+_UNRESISTED = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +181,7 @@ class Goals:
             if motions is not None and len(motions) and not functional.fixed:
                 z, m, rates = self._of_obstacles
                 sums = self._comm.allreduce(rates @ np.column_stack([force, m.T]))
-                share = np.linalg.solve(sums[:, 1:], -sums[:, 0])
+                share = -np.linalg.pinv(sums[:, 1:], rcond=_UNRESISTED) @ sums[:, 0]
                 y, force, moved = y + np.tensordot(share, z, axes=1), force + share @ m, share @ motions.rates
             goal = self._estimated(functional, y, force, moved)
             bound = goal.total + tolerance * self._error.estimate.error_global * goal.dual.energy_norm

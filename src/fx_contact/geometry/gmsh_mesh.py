@@ -8,6 +8,7 @@ computed from the local coordinates that Gmsh reports.
 
 import traceback
 from collections.abc import Callable
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -135,8 +136,8 @@ def _assembly(model: Any) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
     solids, faces = dict[str, IntArray](), dict[str, IntArray]()
     for _, volume in model.getEntities(3):
         label = model.getEntityName(3, volume).rpartition("/")[2].strip() or "solid"
-        same = [name for name in solids if name == label or name.rpartition(" ")[0] == label]
-        body = f"{label} {len(same) + 1}" if same else label
+        others = (f"{label} {number}" for number in count(2))
+        body = next(name for name in chain([label], others) if name not in solids)
         solids[body] = np.array([volume])
         own = [face for face in model.getAdjacencies(3, volume)[1] if len(model.getAdjacencies(2, face)[0]) == 1]
         faces |= {f"{body} face {number}": np.array([face]) for number, face in enumerate(own, 1)}

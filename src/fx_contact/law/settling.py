@@ -84,6 +84,7 @@ def settle(
             stiffness = np.maximum(slope.diagonal(), 0.0)
             # A solve changes the force by up to its energy error times the norm of z; two are compared.
             allowed = 2 * error * np.sqrt(stiffness) + ROUNDING * size * stiffness
+            allowed += options.tolerance * motions.loads  # a free body in balance has no stiffness
             if (np.abs(excess) <= allowed).all():
                 return Settled(t, jump, u, trial, error)
             step = _step(motions, u, excess, slope)

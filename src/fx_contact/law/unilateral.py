@@ -300,13 +300,16 @@ class Unilateral:
 
     def _free(self, active: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Free motions, as of `LoadedMotions`, and all that closed normals and equations do not resist."""
-        assert self._loaded is not None
+        assert self._loaded is not None and self._rigid is not None
         closed, normal = self._springs(active).closed, self.turned_rows().normal
         loose = held = self._unresisted(closed, normal)
         if self._tangents:
             sticks = np.any([closed, *(tangents.closed(active) for tangents in self._tangents)], axis=0)
             held = self._unresisted(sticks, normal)
-        return self._loaded.free(held), loose
+        pairs = self._rows.bodies[closed & (self._rows.bodies >= 0).all(axis=1)]
+        joined = np.zeros(2 * (len(self._rigid.free[0]),))
+        joined[tuple(pairs.T)] = 1.0
+        return self._loaded.free(held, self._motions.sum(joined)), loose
 
     def _unresisted(self, closed: BoolArray, normal: FloatArray) -> FloatArray:
         """Motions that closed rows (n,) with directions (n, 3) do not resist."""

@@ -94,7 +94,7 @@ def figures_of_contact(
     tensor = mirrors.second_moment(moments[:9].reshape(3, 3))
     one_contact = mirrors.parts == scene.symmetry and np.count_nonzero(of_pair) == 1
     is_round = one_contact and _is_round(tensor, vectors.sum(axis=0), lengths.sum(), mirrors.parts * area)
-    radius = float(np.sqrt(2.5 * moments[9] / total)) if total else 0.0
+    radius = float(np.sqrt(max(2.5 * moments[9] / total, 0.0))) if total else 0.0
     is_round = is_round and radius**2 > _POINT * area and _is_quadratic(moments[9:] / total)
     largest = comm.allreduce(float(solution.pressure.max(initial=0.0)), op=MPI.MAX)
     if is_round:

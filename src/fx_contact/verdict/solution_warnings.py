@@ -137,13 +137,14 @@ def _sliding(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
             np.stack([np.bincount(rows.contact, column, count) for column in columns]).astype(float)
         )
 
-    total, moved, gap, closed, surface = sums(force, force * slid, area * rows.gap, area, rows.area)
+    columns = force, np.abs(force), force * slid, area * rows.gap, area, rows.area
+    total, magnitude, moved, gap, closed, surface = sums(*columns)
     moved = np.divide(moved, total, out=np.zeros(count), where=total > 0)
     gap = np.divide(gap, closed, out=np.zeros(count), where=closed > 0)
     (varies,) = sums(area * (rows.gap - gap[rows.contact]) ** 2)
     _, approach = rows.force_and_approach(force, rows.contact, count)
     warnings = []
-    for index in np.flatnonzero(total > 0):
+    for index in np.flatnonzero(total > magnitude / 2):  # less is rounding
         shaped = np.sqrt(varies[index] / closed[index]) > _PARALLEL * approach[index]
         radius = np.sqrt(state.scene.symmetry * (closed[index] if shaped else surface[index]) / np.pi)
         value, limit = float(moved[index]), float(SLIDING * radius)
