@@ -57,7 +57,8 @@ def root_mesh_from_gmsh(comm: MPI.Intracomm, build: Callable[[], object], *, spl
 def root_mesh_from_file(comm: MPI.Intracomm, path: str | Path, *, split: bool = False) -> RootMesh:
     """Root mesh, the same on all ranks, from a .msh file with hexahedra and physical groups, read on rank 0.
 
-    Collective on comm.  Arguments and errors as of `root_mesh_from_gmsh`; SceneError if Gmsh cannot read the file.
+    Collective on comm.  Arguments as of `root_mesh_from_gmsh`.  Raises SceneError if Gmsh cannot read the file, and as
+    `root_mesh_from_gmsh`.
     """
     check_comm(comm)
     source = shared_path(comm, "a mesh file", path)
