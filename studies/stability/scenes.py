@@ -237,11 +237,11 @@ def held_by_contact():
         "pulled stack": partial(stack, pressure=-0.01),
         "pushed sideways": lambda: replace(without(punch(), "x = 0"), body_forces=BodyForce("cube", (1e-6, 0, 0))),
     }.items():
-        yield Case("held by contact", "refused", value, make, None)
+        yield Case("held by contact", "nothing holds", value, make, None)
     make, twin = (lambda plane=plane: without(punch(), plane) for plane in ("x = 0", "y = 0"))
-    yield Case("held by contact", "free", "sideways", make, Twin(twin))
+    yield Case("held by contact", "nothing holds", "free sideways", make, Twin(twin))
     between = partial(stack, displacement=0.01, gap=0.1)
-    yield Case("held by contact", "free", "block between gaps", between, Exact(force=0.0))
+    yield Case("held by contact", "nothing holds", "block between gaps", between, Exact(force=0.0))
 
 
 def between_nodes():

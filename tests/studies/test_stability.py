@@ -293,7 +293,7 @@ def test_processes(tmp_path, monkeypatch):
     """Scenes run in other processes, are not run again, and a hang or a crash is a score; all is drawn."""
     for name in set(os.environ) - set(outside()):  # they are no ranks of an mpirun above
         monkeypatch.delenv(name)
-    names = ["bodies/stack/2", "held-by-contact/refused/pulled-stack", "gap/stack/1e-2"]
+    names = ["bodies/stack/2", "held-by-contact/nothing-holds/pulled-stack", "gap/stack/1e-2"]
     chosen, path = {name: NAMED[name] for name in names}, tmp_path / "scores.jsonl"
     lost = {"lost": Case("no", "such", "scene", None, None)}
     for more, limit in (({}, 60.0), (lost, 60.0), ({"late": NAMED["gap/stack/-1e-4"]}, 1e-3)):
