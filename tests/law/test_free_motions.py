@@ -227,14 +227,14 @@ def test_a_ball_below_a_lid(cells):
 
 @DEGREES
 def test_an_obstacle_with_a_force_on_a_free_body(degree):
-    """Against an equal pressure: any place of the obstacle is right.  Against another one it does not settle."""
+    """Against an equal pressure: any place of the obstacle is right.  Against another one it does not settle, or is open."""
     shapes = {"cube": block((0, 0, 0), (1, 1, 1), (2, 2, 2), 1)}
     plane = ContactPair("cube top", RigidPlane((0, 0, 1), (0, 0, -1)), force=(0, 0, -1.0))
     below = Pressure("cube bottom", 1.0)
     scene = Scene("press", root_mesh_from_shapes(shapes), {"cube": SOFT}, contact=plane, tractions=below)
     record = solve(scene, 0.3, degree=degree, max_steps=1).record
     assert record.pair_forces == pytest.approx([1.0], rel=1e-6)
-    with pytest.raises(SolveError, match="does not settle"):
+    with pytest.raises(SolveError, match="does not settle|nothing holds"):
         next(adapt(replace(scene, tractions=Pressure("cube bottom", 1.1)), 0.3, degree=degree))
 
 
