@@ -157,7 +157,7 @@ def test_fallback(monkeypatch, name, most, solver):
     """
     monkeypatch.setattr(ladder, "shortage", lambda comm, needed: None if name == "cholesky" else (needed, 0))
     monkeypatch.setattr(contact_solver, "relax", lambda matrix, base, term, u, *_: u)
-    monkeypatch.setattr(contact_solver, "move_bodies", lambda scene, matrix, load, jump, stiffness, u, supports: u)
+    monkeypatch.setattr(contact_solver, "move_bodies", lambda bodies, matrix, load, jump, stiffness, u: u)
     monkeypatch.setattr(LinearSolver, "is_slow", True)
     scene = hertz(order=2, coarse=2, displacement=0.03)
     solvers = Solver(), Solver(max_krylov=most, **solver)
