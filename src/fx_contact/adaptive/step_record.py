@@ -218,7 +218,8 @@ def _contacts(r: StepRecord) -> Iterator[str]:
     for index, force in enumerate(r.pair_forces):
         error, moved = r.pair_errors[index], r.motions.get(names[index]) if names else None
         line = f"contact {repr(names[index]) if names else index}: "
-        line += f"force {force:.6g}{_unit(r, 'force')}" if abs(force) > _ROUNDING * max(r.pair_forces) else "open"
+        shown = f"force {force:.6g}{_unit(r, 'force')}" if abs(force) > _ROUNDING * max(r.pair_forces) else "no force"
+        line += shown if force else "open"
         line += "" if error is None else f", estimated error {percent(error)}"
         yield line + ("" if moved is None else f", obstacle moved by {moved:.5g}{_unit(r, 'length')}")
 

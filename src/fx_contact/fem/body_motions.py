@@ -7,7 +7,6 @@ from copy import copy
 from functools import cached_property
 
 import numpy as np
-from mpi4py import MPI
 
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.supports import Supports
@@ -69,7 +68,7 @@ class BodyMotions:
     def gram(self) -> FloatArray:
         """(nbodies, 6, 6), integrals of products of modes over each body [m^3].  Collective."""
         sums = np.stack([self.sums(self.volumes * mode) for mode in self.modes], axis=2)
-        return self._prolongation.comm.allreduce(sums, op=MPI.SUM)
+        return self._prolongation.comm.allreduce(sums)
 
     def total(self, values: FloatArray) -> FloatArray:
         """`sums` of all ranks.  Collective."""
@@ -100,10 +99,10 @@ class FreeMotions:
         """Bodies that move, and how.  Local."""
         return self._bodies.rigid.named(self._motions)
 
-    def behind(self, projector: Projector | None) -> FreeMotions:
+    def behind(self, projector: Projector) -> FreeMotions:
         """The product Q P with another projector.  Local."""
         other = copy(self)
-        other._behind, other.rigid = projector, projector is None or projector.rigid
+        other._behind, other.rigid = projector, projector.rigid
         return other
 
     def remaining(self, u: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from fx_contact.linalg import ladder
 from fx_contact.linalg.krylov import ConjugateGradients, KrylovMethod
-from fx_contact.linalg.matrix import BlockMatrix, raise_diagonal
+from fx_contact.linalg.matrix import BlockMatrix, shift_diagonal
 from fx_contact.linalg.mixed_form import FlexibleGmres
 from fx_contact.linalg.operator import Equations, MatrixOperator, Operator, PressureOperator, Sum
 from fx_contact.linalg.p_multigrid import CoarseLevel
@@ -108,7 +108,7 @@ class LinearSolver:
     def regularise(self) -> None:
         """Make the preconditioner, at the next set-up, one of a singular matrix."""
         if not self._singular and self._coarse is not None:
-            raise_diagonal(self._coarse.matrix)
+            shift_diagonal(self._coarse.matrix)
         self._singular = self._method.preconditioner.singular = True
 
     def set_up(self) -> None:

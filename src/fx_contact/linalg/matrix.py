@@ -117,8 +117,8 @@ def add_blocks(mat: PETSc.Mat, product: spmatrix, number: Int32Array) -> None:
     mat.setValuesBlockedIJV(indptr, columns, blocks.data, addv=add, rowmap=number[rows])
 
 
-def raise_diagonal(mat: PETSc.Mat) -> None:
-    """Make a positive semidefinite matrix definite.  Collective on mat.comm."""
+def shift_diagonal(mat: PETSc.Mat) -> None:
+    """Add a small part of the diagonal to a positive semidefinite matrix.  Collective on mat.comm."""
     diagonal = mat.getDiagonal()
     diagonal.scale(_REGULAR)
     mat.setDiagonal(diagonal, PETSc.InsertMode.ADD)

@@ -2,7 +2,7 @@
 
 from petsc4py import PETSc
 
-from fx_contact.linalg.matrix import as_aij, diagonal_blocks, raise_diagonal
+from fx_contact.linalg.matrix import as_aij, diagonal_blocks, shift_diagonal
 from fx_contact.linalg.operator import PressureOperator, Projector
 from fx_contact.linalg.p_multigrid import CoarseLevel, solved_here, within_blocks
 from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
@@ -57,7 +57,7 @@ class Preconditioner:
         if self.volume is not None:
             self.volume.add_to(self._copy)
         if self.singular:
-            raise_diagonal(self._copy)
+            shift_diagonal(self._copy)
         return self._copy
 
     def reset(self) -> None:
