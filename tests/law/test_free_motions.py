@@ -227,7 +227,7 @@ def test_a_ball_below_a_lid(cells):
 
 @DEGREES
 def test_an_obstacle_with_a_force_on_a_free_body(degree):
-    """Against an equal pressure: any place of the obstacle is right.  Against another one it does not settle, or is open."""
+    """Against an equal pressure any place of the obstacle is right; against another it does not settle, or is open."""
     shapes = {"cube": block((0, 0, 0), (1, 1, 1), (2, 2, 2), 1)}
     plane = ContactPair("cube top", RigidPlane((0, 0, 1), (0, 0, -1)), force=(0, 0, -1.0))
     below = Pressure("cube bottom", 1.0)
