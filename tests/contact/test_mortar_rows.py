@@ -25,7 +25,7 @@ from fx_contact import (
     ring,
     root_mesh_from_shapes,
 )
-from fx_contact.contact.projection import Projection
+from fx_contact.contact.gram import Gram
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
@@ -189,7 +189,7 @@ def test_rows_anywhere(distribution):
 
 def test_projection_that_does_not_converge(monkeypatch):
     """It is an error on all ranks, not a wrong force."""
-    monkeypatch.setattr(Projection, "_ITERATIONS", 2)
+    monkeypatch.setattr(Gram, "_ITERATIONS", 2)
     with pytest.raises(SolveError, match="projection .* has not converged in 2 iterations"):
         first_step(boxes((3, 3), (4, 4)), 1)
 

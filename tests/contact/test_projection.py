@@ -18,6 +18,7 @@ from model_problems import (
 )
 
 from fx_contact import ContactPair, Dirichlet, Material, Scene, Tie, block, join, root_mesh_from_shapes, solve
+from fx_contact.contact.gram import Gram
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.projection import Projection
 
@@ -35,10 +36,12 @@ def dot(a, b):
     return WORLD.allreduce(float((a * b).sum()))
 
 
+@pytest.mark.parametrize("patience", [Gram._PATIENCE, 0], ids=["iterations", "factors"])
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
 @pytest.mark.parametrize("contact", ["flat", "a corner, two pairs", "a corner, one pair"])
-def test_projection(contact, distribution):
+def test_projection(contact, distribution, patience, monkeypatch):
     """P keeps closed pairs as they are, is a projection, and P^T is its transpose; pairs may share vertices."""
+    monkeypatch.setattr(Gram, "_PATIENCE", patience)
     scene = pressed(two_boxes(margin=1)) if contact == "flat" else corner_scene(contact.endswith("one pair"))
     scene = replace(scene, materials=dict(zip(scene.mesh.bodies, (Material(1e4, 0.3), Material(1.0, 0.2)))))
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 3, share=0.1))
@@ -67,6 +70,32 @@ def test_projection(contact, distribution):
     everywhere(
         np.abs(jump.matrix.times(closed) - jump.gap)[projection.closed].max(initial=0) < 1e-12, "a gap is left"
     )
+
+
+@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
+@pytest.mark.parametrize("twice", [False, True], ids=["rows", "rows twice"])
+def test_factors_of_rows_meshed_apart(twice, distribution, monkeypatch):
+    """Forces by factors of each rank's rows are those by iterations; equal rows have none, and share their force."""
+    shapes = {"lower": block((0, 0, 0), (1, 1, 1), (3, 3, 1), 1), "upper": block((0, 0, 1), (1, 1, 2), (4, 4, 1), 1)}
+    pair = ContactPair("lower top", "upper bottom")
+    scene = Scene("apart", root_mesh_from_shapes(shapes), dict.fromkeys(shapes, Material(1.0, 0.3)), contact=pair)
+    _, rows, supports = with_rows(scene, DISTRIBUTIONS[distribution](roots(scene)))
+    if twice:
+        rows = replace(rows.taken(np.repeat(np.arange(len(rows)), 2)), node_area=2 * np.repeat(rows.area, 2))
+    closed, values = noisy(len(rows), 5) > 0, noisy(len(rows), 6)
+    if twice:
+        closed, values = np.repeat(closed[::2], 2), np.repeat(values[::2], 2)
+    found = {}
+    for patience in (np.inf, 0):
+        monkeypatch.setattr(Gram, "_PATIENCE", patience)
+        jump = Jump(rows, supports)
+        gram = Projection(jump).of(jump, closed)._gram
+        found[patience] = gram.solve(values)
+        factors = not twice and bool(closed.any()) and patience == 0
+        everywhere((gram._factors is not None) == factors, "not the way it should be")
+    everywhere(np.abs(found[0] - found[np.inf]).max(initial=0) < 1e-12 * np.abs(found[0]).max(initial=1), "forces")
+    if twice:
+        everywhere(np.abs(found[0][::2] - found[0][1::2]).max(initial=0) < 1e-12, "shares")
 
 
 def test_the_softer_body_follows_the_stiffer():

@@ -7,12 +7,12 @@ from copy import copy
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.fem.supports import Supports
 from fx_contact.linalg.matrix import distributed
-from fx_contact.parallel.arrays import FloatArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray
 
 
 class Products:
@@ -55,6 +55,15 @@ class Products:
         u: FloatArray = np.zeros((self._prolongation.owned, 3))
         other.add_transposed(values, u)
         return self.times(u)
+
+    def gram(self, other: Products, some: BoolArray) -> csc_matrix:
+        """The product with the transpose of another matrix on some of the rows (n,), without what is of other ranks."""
+        return (self._matrix[some] @ other._transposed[:, some]).tocsc()
+
+    @property
+    def is_local(self) -> bool:
+        """True if every rank owns the unknowns of its rows."""
+        return self._local
 
     def squares(self, weights: FloatArray) -> FloatArray:
         """The diagonal (owned, 3) of B^T k B, for weights k (n,)."""
