@@ -8,7 +8,21 @@ from conftest import WORLD, everywhere
 from model_problems import EXACT, STEEL, discrete, grown, pressed, roots, strewn, two_boxes
 from petsc4py import PETSc
 
-from fx_contact import Enforcement, Material, SceneError, Solver, adapt, solve
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Enforcement,
+    Material,
+    RigidCylinder,
+    Scene,
+    SceneError,
+    Solver,
+    SymmetryPlane,
+    adapt,
+    block,
+    root_mesh_from_shapes,
+    solve,
+)
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.coarse_level import create_coarse_level
@@ -134,6 +148,16 @@ def test_iterations_hardly_depend_on_poisson():
     # F is linear in 1 - 2 nu near the limit.
     slope = (force[0.499] - force[0.49999]) / (0.49999 - 0.499)
     assert abs(force[0.4999999] - force[0.49999] + slope * (0.4999999 - 0.49999)) < 1e-5 * force[0.49999]
+
+
+def test_pressures_of_the_last_solutions_begin_the_next():
+    """An obstacle settles below a force by solutions and derivatives at four places, two of three known before."""
+    ball = ContactPair("pad top", RigidCylinder((0, 0, 2), (0, 1, 0), 1), force=(0, 0, -0.008))
+    mesh = root_mesh_from_shapes({"pad": block((0, 0, 0), (2, 2, 1), (2, 2, 1), 1)})
+    held = Dirichlet("pad bottom", z=0.0), SymmetryPlane("pad left"), SymmetryPlane("pad front")
+    scene = Scene("rubber", mesh, {"pad": Material(1.0, 0.4999)}, held, contact=ball)
+    iterations = solve(scene, 0.9, max_steps=1).record.krylov_iterations
+    assert len(iterations) == 9 and iterations.count(0) >= 3, iterations
 
 
 def test_pressures_of_rubber_have_no_checkerboard():

@@ -14,6 +14,7 @@ FGMRES stops when this bound is at most tol omega(u), or rounding.
 """
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact.linalg.krylov import KrylovMethod, Outcome
@@ -26,6 +27,9 @@ from fx_contact.parallel.arrays import FloatArray
 #: Iterations after which FGMRES restarts: more than it needs except on flat cells.  With two vectors of 28 / 24
 #: entries an unknown for each iteration it needs 200 * 8 * 28 / 24 = 1.9 kB an unknown, about as much as the matrix.
 _RESTART = 100
+#: Pressures of the last solutions that a first guess combines: of a displacement, and of its derivatives by distances
+#: of obstacles; and squared cosines of their angles from which on they count as alike.
+_KEPT, _ALIKE = 4, 1e-10
 
 
 class FlexibleGmres(KrylovMethod):
@@ -51,6 +55,7 @@ class FlexibleGmres(KrylovMethod):
         self._volume = volume
         self._forces, self._displacement = (objects.add(matrix.createVecRight()) for _ in range(2))
         self._pressure: FloatArray = np.zeros(len(volume))
+        self._pressures: list[FloatArray] = []
         self._weight = np.sqrt(volume.missing)
         self._root: FloatArray  # of diag A, (owned, 3)
 
@@ -66,9 +71,7 @@ class FlexibleGmres(KrylovMethod):
     def solve(self, equations: Equations, u: FloatArray, tolerance: float, most: int) -> Outcome:
         """As `KrylovMethod.solve`.  The bound costs a product with M^-1 and is computed at small residuals only."""
         self._begin(equations)
-        strains = self._volume.strains(u)
-        self._pressure = self._first_pressure(strains)
-        residual = self.residual(equations, u), self._pressure / self._volume.missing - strains
+        self._b.array[:] = self._first_residual(equations, u)
         reasons, next_check, allowed = PETSc.KSP.ConvergedReason, np.inf, np.nan
 
         def converged(ksp: PETSc.KSP, count: int, norm: float) -> int:
@@ -85,17 +88,24 @@ class FlexibleGmres(KrylovMethod):
             return reasons.ITERATING
 
         self._ksp.setConvergenceTest(converged)
-        self._b.array[:] = self._scaled(*residual)
         reason, count = self._solved()
         change, more = self._parts(self._x.array.copy())
         self._pressure = self._pressure + more
+        self._pressures = [*self._pressures[1 - _KEPT :], self._pressure]
         return Outcome(u + change, reason, count, allowed)
 
-    def _first_pressure(self, strains: FloatArray) -> FloatArray:
-        """The last pressure if it fits the strains better than 0 does."""
-        left = self._weight * (strains - self._pressure / self._volume.missing), self._weight * strains
-        with_it, without = self._volume.comm.allreduce(np.array([part @ part for part in left]))
-        return self._pressure if with_it < without else np.zeros_like(self._pressure)
+    def _first_residual(self, equations: Equations, u: FloatArray) -> FloatArray:
+        """The least scaled residual for combinations of the last pressures, which `_pressure` becomes."""
+        self._pressure = np.zeros_like(self._pressure)
+        residual = self._scaled(self.residual(equations, u), -self._volume.strains(u))
+        if self._pressures:
+            past = np.stack(self._pressures)
+            images = np.stack([self._scaled(self._volume.forces(s), -s / self._volume.missing) for s in past])
+            sums = np.column_stack([images @ images.T, images @ residual])
+            self._volume.comm.Allreduce(MPI.IN_PLACE, sums)
+            part = np.linalg.lstsq(sums[:, :-1], sums[:, -1], rcond=_ALIKE)[0]
+            self._pressure, residual = part @ past, residual - part @ images
+        return residual
 
     def _scaled(self, forces: FloatArray, strains: FloatArray) -> FloatArray:
         """Residuals [N], [m^(3/2)] as rows; the forces are projected in place."""
