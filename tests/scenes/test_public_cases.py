@@ -16,6 +16,7 @@ from fx_contact import (
     root_mesh_from_shapes,
     solve,
 )
+from studies.cost.chains import chain
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
@@ -106,22 +107,8 @@ def test_rings_pressed_and_heated(heat, expected):
 @pytest.mark.parametrize("count", [3, 5])
 def test_a_chain_of_thin_rings(count):
     """Each interface of a stack of rings of 1 by 7, meshed apart, bears the load."""
-    shapes, cells = {}, (4, 3, 5)
-    for number in range(count):
-        shape = ring(5, 12, 1, (2, cells[number % 3], 1), quarters=1)
-        shapes[f"ring {number}"] = shape.shifted(z=number)
-    held = [SymmetryPlane(f"{name} {side}") for name in shapes for side in ("x = 0", "y = 0")]
-    contacts = tuple(ContactPair(f"ring {n} top", f"ring {n + 1} bottom") for n in range(count - 1))
-    area = np.pi * (12**2 - 5**2) / 4
-    record = pressed(
-        "chain",
-        shapes,
-        Material(210e3, 0.3),
-        (Dirichlet("ring 0 bottom", z=0.0), *held),
-        contacts,
-        (Pressure(f"ring {count - 1} top", 1000 / area),),
-        max_steps=2,
-    )
+    record = solve(chain(count), 0.1, max_steps=2).record
+    assert not record.doubts, record.doubts
     assert record.pair_forces == pytest.approx([1000.0] * (count - 1), rel=0.02)
     assert np.ptp(record.pair_forces) < 1e-3
 
