@@ -7,11 +7,17 @@ from fx_contact import (
     ContactPair,
     Dirichlet,
     Material,
+    Preload,
     Pressure,
+    RigidCone,
+    RigidPlane,
     Scene,
     SymmetryPlane,
     ThermalStrain,
+    Tie,
+    ball,
     block,
+    cylinder,
     ring,
     root_mesh_from_shapes,
     solve,
@@ -21,12 +27,13 @@ from studies.cost.chains import chain
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
 
-def pressed(name, shapes, materials, held, contacts, loads, tolerance=0.1, **options):
+def pressed(name, shapes, materials, held, contacts, loads, tolerance=0.1, ties=(), symmetry=1, **options):
     """The record of a scene by shapes."""
     mesh = root_mesh_from_shapes(shapes)
     if isinstance(materials, Material):
         materials = dict.fromkeys(shapes, materials)
-    record = solve(Scene(name, mesh, materials, held, contacts, loads), tolerance, **options).record
+    scene = Scene(name, mesh, materials, held, contacts, loads, ties=ties, symmetry=symmetry)
+    record = solve(scene, tolerance, **options).record
     assert not record.doubts, record.doubts
     return record
 
@@ -132,3 +139,88 @@ def test_a_soft_pad():
     )
     # the pad spreads beyond the plates by nu times its strain on two of its sides
     assert record.pair_forces == pytest.approx([0.002 / (0.2 + 1e-3)] * 2, rel=1e-3)
+
+
+def rods(rod, tube, pull=0.0):
+    """Forces in rod, tube and sleeve, a quarter below a pulled cap, and closings of the cuts that have a tension."""
+    half_rod, half_tube = cylinder(4, 50, (1, 1), quarters=1), ring(20, 22, 50, (1, 2, 1), quarters=1)
+    shapes = {"rod": half_rod, "tube": half_tube, "sleeve": ring(8, 14, 100, (1, 2, 1), quarters=1)}
+    shapes |= {"upper rod": half_rod.shifted(z=50), "upper tube": half_tube.shifted(z=50)}
+    shapes["cap"] = cylinder(24, 20, (2, 1), quarters=1).shifted(z=100)
+    tightened = {"rod": rod, "tube": tube}
+    cuts = [Preload(f"upper {name} bottom", f"{name} top", (0, 0, -1), **cut) for name, cut in tightened.items()]
+    held = [SymmetryPlane(f"{name} {side}") for name in shapes for side in ("x = 0", "y = 0")]
+    record = pressed(
+        "rods",
+        shapes,
+        {name: Material({"cap": 2.1e11, "sleeve": 70e3}.get(name, 210e3), 0.0) for name in shapes},
+        (*held, *(Dirichlet(f"{name} bottom", z=0.0) for name in ("rod", "tube", "sleeve"))),
+        ContactPair("sleeve top", "cap bottom"),
+        Pressure("cap top", -pull / (np.pi * 24**2)) if pull else (),
+        ties=(*cuts, Tie("cap bottom", "upper rod top"), Tie("cap bottom", "upper tube top")),
+        symmetry=4,
+        max_steps=1,
+    )
+    found = {one.name: one.force[2] for one in record.resultants}
+    return [*(found[cut.name] for cut in cuts), record.force], [*record.motions.values()]
+
+
+def test_rods_tightened_in_sequence():
+    """CalculiX #147, to 0.3 %: a rod is tightened, keeps its length while a tube is, and the cap is pulled; springs."""
+    areas = np.pi * np.array([4**2, 22**2 - 20**2, 14**2 - 8**2])
+    springs = rod, tube, sleeve = np.array([210e3, 210e3, 70e3]) * areas / 100
+    # with a millionth of a newton the tube is loose; without a cut its overlapping halves would be a warning
+    forces, (first, _) = rods({"tension": 20e3}, {"tension": 1e-6})
+    assert forces == pytest.approx([20e3, 0, 20e3], rel=0.003, abs=1e-3)
+    assert first == pytest.approx(20e3 * (1 / rod + 1 / sleeve), rel=0.003)
+    forces, (second,) = rods({"closing": first}, {"tension": 10e3})
+    clamp = 20e3 + 10e3 * sleeve / (rod + sleeve)
+    expected = np.array([clamp - 10e3, 10e3, clamp])
+    assert forces == pytest.approx(expected, rel=0.003)
+    assert second == pytest.approx(10e3 / tube + clamp / sleeve, rel=0.003)
+    forces, _ = rods({"closing": first}, {"closing": second}, pull=8e3)
+    assert forces == pytest.approx(expected + 8e3 * springs * [1, 1, -1] / springs.sum(), rel=0.003)
+
+
+@pytest.mark.parametrize("load", [30, 100])
+def test_a_ball_in_a_conical_seat(load):
+    """Half a ball in a seat of 45 degrees: normal forces by statics, and those across a quarter's planes of a ring."""
+    radius = 10
+    record = pressed(
+        "ball",
+        {"ball": ball(radius, 3, 2, octants=1).mirrored("z")},
+        {"ball": Material(1e3, 0.3)},
+        (SymmetryPlane("ball x = 0"), SymmetryPlane("ball y = 0")),
+        ContactPair("ball outside", RigidCone((0, 0, -np.sqrt(2) * radius), (0, 0, -1), 135)),
+        Pressure("ball z = 0", load / (np.pi * radius**2)),
+        symmetry=4,
+        degree=2,
+        max_steps=2,
+    )
+    assert record.pair_forces == pytest.approx([np.sqrt(2) * load], rel=1e-4)
+    planes = [one.force[axis] for one in record.resultants if one.kind == "symmetry" for axis in range(2)]
+    assert planes == pytest.approx(np.array([1, 0, 0, 1]) * load / (2 * np.pi), rel=0.01, abs=1e-6)
+
+
+@pytest.mark.parametrize("stop", ["block", "plane"])
+@pytest.mark.parametrize("drawn", [0.48, 0.0])
+def test_a_cantilever_above_a_stop(drawn, stop):
+    """Pressed to a stop at its tip, with the clearance of 0.48 drawn or given: force by beam theory, to 0.3 %."""
+    length, clearance, young, pressure = 20, 0.48, 1e3, 0.005
+    shapes, held = {"beam": block((0, 0, 0), (length, 1, 1), (10, 1, 2), 1)}, [Dirichlet("beam left", 0.0, 0.0, 0.0)]
+    if stop == "block":
+        shapes["stop"] = block((length - 1, 0, -drawn - 1), (length + 1, 1, -drawn), (2, 1, 1), 1)
+        held.append(Dirichlet("stop bottom", 0.0, 0.0, 0.0))
+    below = "stop top" if stop == "block" else RigidPlane((0, 0, -drawn), (0, 0, 1))
+    record = pressed(
+        "cantilever",
+        shapes,
+        Material(young, 0.0),
+        held,
+        ContactPair("beam bottom", below, clearance=clearance - drawn),
+        Pressure("beam top", pressure),
+        degree=2,
+        max_steps=2,
+    )
+    tip = length**3 / (3 * young / 12)  # deflection by a unit force
+    assert record.pair_forces == pytest.approx([3 / 8 * pressure * length - clearance / tip], rel=0.003)
