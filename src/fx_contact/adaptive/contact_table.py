@@ -22,9 +22,10 @@ class ContactTable:
     """Contact nodes, a row each: of a step those that this rank owns; gathered all, sorted by contact pair and node.
 
     Attributes:
-        points: (n, 3), undeformed positions on the first surface [m].
+        points: (n, 3), undeformed positions on the first surface [m]; where the rim of the second one crosses facets,
+            centres of the forces.
         normal: (n, 3), unit direction from the first body to the second.
-        pressure: (n,), at degree 1 force over tributary area, as from `ConstraintRows.pressure` [Pa].
+        pressure: (n,), as from `ConstraintRows.pressure`, at degree 1 and inside of rims force over area [Pa].
         force: (n,), compression positive [N]; of the modelled part, without its symmetric copies.
         gap: (n,), distance of the deformed surfaces along the normal, negative where they penetrate [m].
         active: (n,), closed nodes.

@@ -7,7 +7,7 @@ tie.  Laws of the rows: `law`.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
 from typing import ClassVar, Protocol
@@ -17,10 +17,12 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from fx_contact.contact.enforcement import CAP, Enforcement
+from fx_contact.contact.rim import Rim
 from fx_contact.contact.row_entries import Entries, KeyedEntries
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
-from fx_contact.parallel.arrays import FloatArray, Int8Array, Int32Array, Int64Array, IntArray
+from fx_contact.geometry.leaf_facets import LeafFacets
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.scene.scene import Scene
 
 
@@ -44,6 +46,7 @@ class RowColumns:
             normal these axes times areas [m^2].
         role, axis: of all rows.
         yielded: number of this rank's rows that are left out for others at their nodes (`precedence`).
+        rim: of contact meshed apart.
     """
 
     first: Int64Array
@@ -58,6 +61,7 @@ class RowColumns:
     role: Role = Role.NORMAL
     axis: int = 0
     yielded: int = 0
+    rim: Rim | None = None
 
     def along(self, direction: FloatArray, role: Role, axis: int) -> "RowColumns":
         """The rows along other unit vectors, (3,) or (n, 3), without gap.  Local."""
@@ -118,6 +122,10 @@ class RowKind(ABC):
         """
         return None
 
+    def covered(self, facets: LeafFacets, uv: FloatArray) -> BoolArray:
+        """Places uv (k, 2) of first facets (n,) that face the second surface or the obstacle: (n, k).  Local."""
+        return np.ones((len(facets), len(uv)), dtype=bool)
+
     def pressure_correction(self, rows: "ConstraintRows", pressure: FloatArray) -> PressureCorrection | None:
         """Correction of force over area (n,) [Pa], 0 in rows of other contacts; None: there is none.  Collective."""
         return None
@@ -141,13 +149,14 @@ class ConstraintRows:
         node_area: (n,), sum of the areas of all rows with the same `first` [m^2].
         stiffness: (n,), k_N, in exact contact that in the preconditioner matrix [N/m].
         modulus: (n, 2), E/(1 - nu^2) of the first and the second side, inf of an obstacle [Pa].
-        position: (n, 3), undeformed position on the first surface [m].
+        position: (n, 3), undeformed position on the first surface, at rims the centre of the force [m].
         bodies: (n, 2), first and second body, positions in the root mesh's `bodies`; -1: an obstacle.
         contact: (n,), index of the contact or tie among `Scene.interfaces`, ascending.
         role: (n,), `Role` of each row.
         axis: (n,), number of the axis in the frame: n, t1, t2 of a contact, x, y, z of a tie.
         symmetry: number of copies of the modelled part in the bodies.
         yielded: as of `RowColumns`, of all kinds.
+        rims: of contacts meshed apart, by their indices.
     """
 
     prolongation: Prolongation
@@ -168,6 +177,7 @@ class ConstraintRows:
     axis: Int8Array
     symmetry: int
     yielded: int = 0
+    rims: dict[int, Rim] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.first)

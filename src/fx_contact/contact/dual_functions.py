@@ -45,6 +45,8 @@ _COVERED = 0.5
 #:
 #: A facet of which a strip of 0.62 is covered beside covered ones has multipliers at its outer side too.
 _KEPT = 0.2
+#: Uncovered part of a facet up to which it is rounding, and that of the rules' on curved facets.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +57,8 @@ class SegmentIntegrals:
         pairs: (k, 2), numbers of the first and the second facet.
         coupling: (k, (p+1)^2, (p+1)^2), int N N2 of each pair [m^2].
         mass: (n, (p+1)^2, (p+1)^2), int N N of each first facet [m^2].
-        moments: (n, (p+1)^2, 10), int N times 1 [m^2], the vector to the second surface [m^3], and the unit normals of
-            both surfaces out of their bodies [m^2].
+        moments: (n, (p+1)^2, 13), int N times 1 [m^2], the vector to the second surface [m^3], the unit normals of both
+            surfaces out of their bodies [m^2], and the position [m^3].
     """
 
     pairs: Int64Array
@@ -77,11 +79,11 @@ class SegmentIntegrals:
         """Integrals on first facets (n,) over second ones (m,) by pairs (k, 2); as `create_segments`.  Local."""
         nodes = (degree + 1) ** 2
         coupling = np.zeros((len(pairs), nodes * nodes))
-        mass, moments = np.zeros((len(first), nodes * nodes)), np.zeros((len(first), nodes * 10))
+        mass, moments = np.zeros((len(first), nodes * nodes)), np.zeros((len(first), nodes * 13))
         for part in create_segments(first[pairs[:, 0]], second[pairs[:, 1]], degree, depth, direction):
             one, two = face_functions(degree, part.first), face_functions(degree, part.second)
             ones = np.ones((len(one), 1))
-            data = np.hstack([ones, part.apart, part.first_normal, part.second_normal])
+            data = np.hstack([ones, part.apart, part.first_normal, part.second_normal, part.position])
             weighted = part.weight[:, None] * one
             facets, facet = np.unique(pairs[part.pair, 0], return_inverse=True)
             mass[facets] += _sums(facet, len(facets), weighted, one)
@@ -89,7 +91,7 @@ class SegmentIntegrals:
             some, pair = np.unique(part.pair, return_inverse=True)
             coupling[some] = _sums(pair, len(some), weighted, two)
         shape = (-1, nodes, nodes)
-        return cls(pairs, coupling.reshape(shape), mass.reshape(shape), moments.reshape(-1, nodes, 10))
+        return cls(pairs, coupling.reshape(shape), mass.reshape(shape), moments.reshape(-1, nodes, 13))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +105,7 @@ class MultiplierIntegrals:
         area: (n, (p+1)^2), int psi [m^2].
         apart: (n, (p+1)^2, 3), int psi times the vector from the first surface to the second [m^3].
         first_normal, second_normal: (n, (p+1)^2, 3), int psi times the unit normals out of the bodies [m^2].
+        position: (n, (p+1)^2, 3), int psi x [m^3].
     """
 
     pairs: Int64Array
@@ -112,6 +115,7 @@ class MultiplierIntegrals:
     apart: FloatArray
     first_normal: FloatArray
     second_normal: FloatArray
+    position: FloatArray
 
 
 class DualFunctions:
@@ -139,8 +143,9 @@ class DualFunctions:
         self._covered = segments.moments[:, :, 0]
         with np.errstate(invalid="ignore"):
             part = _apply(conforming, self._covered) / _apply(conforming, self._whole)
-        #: (n,), facets that count as covered.
+        #: (n,), facets that count as covered, and those that a rim crosses.
         self.covered: BoolArray = part.min(axis=1) >= _COVERED
+        self.crossed: BoolArray = self._covered.sum(axis=1) < (1 - _ROUNDING) * self._whole.sum(axis=1)
 
     @cached_property
     def _hats(self) -> FloatArray:
@@ -180,6 +185,13 @@ class DualFunctions:
         result[some] = integral[:, :, None] * np.linalg.solve(mass, tables)
         return _moved(self._degree, kept) @ result
 
+    def means(self, kept: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """int W_j psi_k (n, (p+1)^2, (p+1)^2) and int W_j (n, (p+1)^2) with the W of `rim_pressure` [m^2]."""
+        ends = np.array([[1, 0, 0], [1, 0, 1], [0, 0, 1]]) if self._degree == 2 else np.eye(2)
+        hats = np.kron(ends, ends) @ self._hats
+        moments = hats @ self._segments.mass @ self.functions(kept).swapaxes(1, 2)
+        return moments, _apply(hats, self._covered)
+
     def integrals(self, kept: BoolArray) -> MultiplierIntegrals:
         """Integrals of psi, 0 for nodes that are not kept (n, (p+1)^2)."""
         functions, segments = self.functions(kept), self._segments
@@ -189,7 +201,7 @@ class DualFunctions:
             functions[segments.pairs[:, 0]] @ segments.coupling,
             functions @ segments.mass @ self._tables,
             moments[:, :, 0],
-            *(moments[:, :, start : start + 3] for start in (1, 4, 7)),
+            *(moments[:, :, start : start + 3] for start in (1, 4, 7, 10)),
         )
 
 

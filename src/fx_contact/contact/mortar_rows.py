@@ -13,11 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import coo_matrix
 
-from fx_contact.contact.constraint_rows import Role, RowColumns, RowKind
+from fx_contact.contact.constraint_rows import ConstraintRows, Role, RowColumns, RowKind
 from fx_contact.contact.contact_facets import moduli, spring_stiffness
 from fx_contact.contact.dual_functions import DualFunctions, MultiplierIntegrals, SegmentIntegrals
 from fx_contact.contact.enforcement import Enforcement
 from fx_contact.contact.precedence import Precedence, mean_normals
+from fx_contact.contact.rim import Rim
+from fx_contact.contact.rim_pressure import RimPressure
 from fx_contact.contact.row_entries import KeyedEntries
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
@@ -104,8 +106,9 @@ class MortarRows(RowKind):
         facing = np.stack([regions[0], _least(one, regions[1][two], len(nodes))], axis=1)
         stiffness[some] = spring_stiffness(enforcement, moduli(self.scene, facing[some]), area)
         across = integrals.first_normal - integrals.second_normal
-        shares = np.concatenate([integrals.area[..., None], stiffness[..., None], across, integrals.apart], axis=2)
-        sums = prolongation.zeros(8)
+        of_area = integrals.area[..., None], stiffness[..., None], across, integrals.apart, integrals.position
+        shares = np.concatenate(of_area, axis=2)
+        sums = prolongation.zeros(11)
         np.add.at(sums, nodes, shares)
         sums = prolongation.summed(sums)
         owned = slice(prolongation.owned)
@@ -119,14 +122,19 @@ class MortarRows(RowKind):
             first=ours,
             entries=_by_row(parts, sums[ours, 0]),
             across=sums[ours, 2:5],
-            apart=sums[ours, 5:] / sums[ours, :1],
+            apart=sums[ours, 5:8] / sums[ours, :1],
             area=sums[ours, 0],
             stiffness=sums[ours, 1],
             modulus=moduli(self.scene, of_rows),
-            position=prolongation.injected(prolongation.space.positions())[ours],
+            position=sums[ours, 8:] / sums[ours, :1],
             bodies=self.scene.mesh.body_of_region[of_rows],
             yielded=int((multipliers.kept & ~kept)[owned].sum()),
+            rim=Rim.of(prolongation, nodes, dual.crossed, *dual.means(kept[nodes])),
         )
+
+    def pressure_correction(self, rows: ConstraintRows, pressure: FloatArray) -> RimPressure:
+        """As `RowKind.pressure_correction`."""
+        return RimPressure(rows, pressure, self.index)
 
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
         """Vectors along the normal or the direction, longer than all else where they meet nothing.  Local."""
@@ -140,10 +148,20 @@ class MortarRows(RowKind):
 
     def apart_from(self, position: FloatArray, normal: FloatArray) -> FloatArray:
         """As `apart`.  Local."""
-        along = self._surfaces.directions(normal / np.linalg.norm(normal, axis=1)[:, None])
-        distance = self._surfaces.faced(position, along).distance
+        along, distance = self._faced(position, normal)
         far = 2 * np.linalg.norm(np.ptp(self.scene.mesh.points, axis=0))
         return np.asarray(np.where(np.isnan(distance), far, distance)[:, None] * along)
+
+    def covered(self, facets: LeafFacets, uv: FloatArray) -> BoolArray:
+        """As `RowKind.covered`.  Local."""
+        at = facets.at(np.broadcast_to(uv, (len(facets), *uv.shape)))
+        _, distance = self._faced(at.position.reshape(-1, 3), at.normal.reshape(-1, 3))
+        return ~np.isnan(distance).reshape(len(facets), len(uv))
+
+    def _faced(self, position: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Directions (k, 3) from positions (k, 3), and distances along them (k,), NaN of what faces nothing [m]."""
+        along = self._surfaces.directions(normal / np.linalg.norm(normal, axis=1)[:, None])
+        return along, self._surfaces.faced(position, along).distance
 
 
 def _node_points(anchor: IntArray, level: IntArray, face: IntArray, degree: int) -> IntArray:

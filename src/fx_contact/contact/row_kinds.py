@@ -115,6 +115,7 @@ def create_rows(
         axis=axis,
         symmetry=scene.symmetry,
         yielded=sum(part.yielded for part in parts),
+        rims={kinds[one].index: part.rim for one, part in zip(of, parts) if part.rim is not None},
         **columns,
     )
     stiffest = prolongation.comm.allreduce(float(rows.penalty_factor.max(initial=0.0)), op=MPI.MAX)
@@ -129,7 +130,9 @@ def create_rows(
 
 
 #: Columns of `RowColumns` that are joined as they are.
-_COLUMNS = [name for name in RowColumns.__dataclass_fields__ if name not in ("entries", "role", "axis", "yielded")]
+_COLUMNS = [
+    name for name in RowColumns.__dataclass_fields__ if name not in ("entries", "role", "axis", "yielded", "rim")
+]
 
 
 def _with_tangents(rows: ConstraintRows) -> ConstraintRows:

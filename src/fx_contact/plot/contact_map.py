@@ -9,7 +9,7 @@ from fx_contact.adaptive.step import Step, check_step
 from fx_contact.geometry import hexahedron
 from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.items.units import labelled
-from fx_contact.parallel.arrays import FloatArray, Int64Array
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
@@ -58,20 +58,19 @@ def draw_contact(
     if field != "pressure" and step.solution.traction is None:
         raise SceneError(f"the scene {step.scene.name!r} has no friction, so there is no {field} to show")
     units, comm, centre = step.scene.units, step.forest.comm, np.asarray(step.record.contact_centre)
-    leaf, face = _first_surfaces(step)
+    leaf, face, outward, covered = _first_surfaces(step)
     points = surfaces.face_points(step.forest, leaf, face)
-    forest = step.forest
-    facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
-    shown = canvas.on_first(comm, points, _values(step, leaf, face, field), facets.mean_outward)
+    shown = canvas.on_first(comm, points, _values(step, leaf, face, field), outward, covered)
     whole = float(np.ptp(step.scene.mesh.points, axis=0).max())
     reach = np.inf if zoom is None else min(zoom * surfaces.contact_size(step), whole)
     name = _FIELDS[field] if field == "status" else labelled(_FIELDS[field], "stress", units).replace(" [", "\n[")
 
     def draw(plotter: Any) -> None:
         """The surfaces with their legend, on rank 0."""
-        points, values, outward = shown
+        points, values, outward, covered = shown
         surface = surfaces.surface_of(points)
         surface["value"] = values.ravel()
+        surface = surface.extract_cells(covered.ravel())
         scale: dict[str, Any] = {"clim": (0, values.max() or 1.0), "cmap": "viridis", "scalar_bar_args": canvas.bar()}
         if field == "status":
             scale = {"clim": (-0.5, 2.5), "cmap": _OF_STATUS, "annotations": _STATUS}
@@ -91,11 +90,19 @@ def draw_contact(
     return canvas.draw_on_first(comm, path, draw, canvas.plotter_for, plotter)
 
 
-def _first_surfaces(step: Step) -> tuple[Int64Array, Int64Array]:
-    """This rank's leaves (m,) and local faces (m,) on first surfaces of contacts."""
+def _first_surfaces(step: Step) -> tuple[Int64Array, Int64Array, FloatArray, BoolArray]:
+    """On first surfaces of contacts this rank's leaves (m,), local faces (m,), outward areas (m, 3) [m^2], and pieces
+    (m, k^2) that face something."""
     assert step.rows is not None, "checked by check_step"
-    leaf, face = zip(*(kind.facets(step.forest) for kind in step.rows.kinds))
-    return np.concatenate(leaf), np.concatenate(face)
+    forest, columns = step.forest, []
+    middles = (np.arange(surfaces.PIECES) + 0.5) / surfaces.PIECES
+    uv = np.stack(np.meshgrid(middles, middles), axis=-1).reshape(-1, 2)
+    for kind in step.rows.kinds:
+        leaf, face = kind.facets(forest)
+        facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+        columns.append((leaf, face, facets.mean_outward, kind.covered(facets, uv)))
+    leaf, face, outward, covered = map(np.concatenate, zip(*columns))
+    return leaf, face, outward, covered
 
 
 def _values(step: Step, leaf: Int64Array, face: Int64Array, field: str) -> FloatArray:

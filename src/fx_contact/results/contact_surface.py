@@ -17,7 +17,8 @@ def contact_grid(step: Step) -> Any:
     """This rank's facets of the contact surfaces, both sides, as an undeformed pyvista UnstructuredGrid.
 
     Collective on the step's communicator.  Facets are Lagrange quadrilaterals on the rank of their leaf, of the order
-    of its geometry or of the displacement, the higher one.  They share no nodes: fields may jump between them.
+    of its geometry or of the displacement, the higher one.  They share no nodes: fields may jump between them.  Where
+    the rim of the other surface crosses facets fields go on beyond it.
 
     Returns:
         Grid with point data `displacement` (n, 3) [m], `pressure` [Pa], `closed`, 1 for a closed pair and 0 for an

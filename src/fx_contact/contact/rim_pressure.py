@@ -1,0 +1,60 @@
+"""The contact pressure at the rim of the second surface, which crosses facets of the first.
+
+Multipliers there have unlike areas, nodes outside of the rim too, and force over area alternates.  The pressure at the
+nodes j of such facets is the mean of the multiplier lambda on the covered part C of the facets around,
+
+    p_j = int_C W_j lambda / int_C W_j,    lambda = sum_k f_k psi_k / int psi_k,
+
+with the bilinear hats W_j of corners, and the sum of those at both ends for the middles of sides.
+"""
+
+import numpy as np
+
+from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.parallel.arrays import FloatArray
+
+
+class RimPressure:
+    """p_j less f_j / int psi_j, for pressures f / int psi (n,) [Pa], a `PressureCorrection`.
+
+    Collective on the prolongation's comm.
+    """
+
+    def __init__(self, rows: ConstraintRows, pressure: FloatArray, index: int) -> None:
+        self._rows, self._ours, self._rim, self._pressure = rows, rows.contact == index, rows.rims[index], pressure
+        area = rows.prolongation.zeros(1)
+        np.add.at(area[:, 0], self._rim.nodes, self._rim.area)
+        self._area = rows.prolongation.summed(area)[:, 0]
+
+    def change(self) -> FloatArray:
+        """As `PressureCorrection.change`.  Collective."""
+        known = self._at_nodes(self._pressure)
+        moments = np.einsum("mjk,mk->mj", self._rim.moments, known)
+        return self._over_area(self._summed(moments)) - self._at_rim(self._pressure)
+
+    def transposed(self, weight: FloatArray) -> FloatArray:
+        """As `PressureCorrection.transposed`.  Collective."""
+        weight = np.where(self._ours, weight, 0.0)
+        over = self._at_nodes(self._over_area(weight))
+        return self._summed(np.einsum("mjk,mj->mk", self._rim.moments, over)) - self._at_rim(weight)
+
+    def _over_area(self, values: FloatArray) -> FloatArray:
+        """Values (n,) of the rows over int W, 0 inside."""
+        area = self._area[self._rows.first]
+        return np.divide(values, area, out=np.zeros_like(values), where=self._ours & (area > 0))
+
+    def _at_rim(self, values: FloatArray) -> FloatArray:
+        return np.where(self._ours & (self._area[self._rows.first] > 0), values, 0.0)
+
+    def _at_nodes(self, values: FloatArray) -> FloatArray:
+        """Values (n,) of the rows at the nodes of the facets: (m, (p+1)^2).  Collective."""
+        prolongation, ours = self._rows.prolongation, self._ours
+        nodal = np.zeros((prolongation.owned, 1))
+        nodal[self._rows.first[ours], 0] = values[ours]
+        return prolongation.ghosted(nodal)[self._rim.nodes, 0]
+
+    def _summed(self, values: FloatArray) -> FloatArray:
+        """Sums (n,) at the rows of values (m, (p+1)^2) at the nodes of the facets.  Collective."""
+        sums = self._rows.prolongation.zeros(1)
+        np.add.at(sums[:, 0], self._rim.nodes, values)
+        return np.where(self._ours, self._rows.prolongation.summed(sums)[self._rows.first, 0], 0.0)
