@@ -58,14 +58,14 @@ class Preload(Tie):
     The section is plane, across the axis.  With a `tension` the closing t is an unknown; a second scene whose `closing`
     is that of the first (`StepRecord.motions`) and whose tension is None is the tightened bolt below other loads.
 
-    Raises SceneError as `Tie`, for an axis that is no direction, and for numbers that are not finite, or a tension that
-    is not positive.
+    Raises SceneError as `Tie`, for an axis that is no direction, and for numbers that are not finite, or a tension
+    below 0.
 
     Attributes:
         first, second: names of both sides of the cut.
         axis: of the bolt, from the first side to the second, of any length [-].
         tension: in the section, of all symmetric parts as forces in the records: of two bolts if one is modelled beside
-            a symmetry plane [N].  None: the closing is given.
+            a symmetry plane; 0: not tightened yet [N].  None: the closing is given.
         closing: t, by which the bolt is shortened [m]; ignored beside a tension.
     """
 
@@ -80,7 +80,7 @@ class Preload(Tie):
         check_vector(f"the axis of {self.label}", self.axis)
         check_direction(f"the axis of {self.label}", self.axis)
         if self.tension is not None:
-            check_number(f"the tension of {self.label}", self.tension, positive=True)
+            check_number(f"the tension of {self.label}", self.tension, positive=self.tension != 0)
         if self.closing is not None:
             check_number(f"the closing of {self.label}", self.closing)
         elif self.tension is None:
