@@ -6,7 +6,19 @@ from conftest import WORLD, everywhere
 from model_problems import grown, pressed, prolongation_of, roots, side_by_side, two_boxes
 from mpi4py import MPI
 
-from fx_contact import Enforcement
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Enforcement,
+    Material,
+    RigidPlane,
+    Scene,
+    SymmetryPlane,
+    block,
+    join,
+    root_mesh_from_shapes,
+    solve,
+)
 from fx_contact.contact.contact_facets import positions_across
 from fx_contact.contact.pressure import leaves_of_rows, pressure_change
 from fx_contact.contact.row_kinds import create_rows
@@ -108,3 +120,25 @@ def test_where_the_pressure_is_not_smooth():
     assert WORLD.allreduce(float(change.max(initial=0.0)), MPI.MAX) > 0.05
     raw = np.where(np.minimum(x % SIZE, y % SIZE) < 1e-9, 0.0, raw)  # the middles of facets alone
     everywhere(np.array_equal(pairs.pressure(raw * pairs.area), raw * pairs.area / pairs.area), "a change")
+
+
+@pytest.mark.parametrize("bonded", [True, False], ids=["parts", "bodies"])
+def test_a_jump_of_the_pressure(bonded):
+    """Bars of unlike modulus below a stiff lid: pressures beside the jump are exact, at it the mean if they are bonded."""
+    shapes = {name: block((x, 0, 0), (x + 1, 1, 1), (2, 2, 2), 1) for x, name in enumerate(("soft", "hard"))}
+    names = ("soft", "hard")
+    if bonded:
+        shapes, names = {"bars": join(*(shape.as_part(name) for name, shape in shapes.items()))}, (
+            "bars soft",
+            "bars hard",
+        )
+    lid = RigidPlane((0, 0, 1), (0, 0, -1))
+    held = [Dirichlet(f"{name} bottom", z=0.0) for name in shapes] + [
+        SymmetryPlane(f"{name} front") for name in shapes
+    ]
+    pairs = tuple(ContactPair(f"{name} top", lid, moved=(0, 0, -0.01)) for name in shapes)
+    materials = dict(zip(names, (Material(1.0, 0.0), Material(3.0, 0.0))))
+    step = solve(Scene("bars", root_mesh_from_shapes(shapes), materials, tuple(held), pairs), 0.5, max_steps=2)
+    x = step.contact.points[:, 0]
+    exact = np.where(x > 1 + 1e-9, 0.03, np.where(x < 1 - 1e-9, 0.01, 0.02 if bonded else step.contact.pressure))
+    everywhere(np.abs(step.contact.pressure / exact - 1).max(initial=0.0) < 1e-6, "pressures")

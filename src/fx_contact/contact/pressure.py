@@ -5,6 +5,7 @@ middles for each direction, on smooth contact with facets of size h.  With the m
 pressure that has the forces D p there.  Its means over the facets of a node are off by O(h^4).
 
 At the rim of contact M^-1 D p oscillates: it may change no nodal pressure of a facet by more than the part `_MOST`.
+Beside another material, where p may jump, it changes none.
 """
 
 import numpy as np
@@ -24,6 +25,8 @@ from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array
 #: Limits from 0.02 to 0.4 give the same largest pressure.  Without a limit INDENT-A has pressures below 0 beside the
 #: edge.
 _MOST = 0.1
+#: Difference of moduli that is rounding.
+_ALIKE = 1e-9
 
 
 class ContactSurface:
@@ -79,8 +82,14 @@ class FacetPressure:
         self._nodal = self._surface.at_facets(pressure)
         changes, most = self._nodal @ self._matrix.T, _MOST * np.maximum(self._nodal, 0.0)
         part = np.divide(most, np.abs(changes), out=np.ones_like(most), where=np.abs(changes) > most).min(axis=1)
-        part[~self._nodal.any(axis=1)] = 0.0
+        part[~self._nodal.any(axis=1) | self._uneven()] = 0.0
         self._weight = self._surface.area * part[:, None]
+
+    def _uneven(self) -> BoolArray:
+        """Facets beside another material on either surface, where the pressure may jump: (k,)."""
+        soft = np.stack([self._surface.at_facets(1 / side) for side in self._rows.modulus.T])
+        least = np.where(soft > 0, soft, np.inf).min(axis=2)
+        return np.asarray((soft.max(axis=2) > (1 + _ALIKE) * least).any(axis=0))
 
     def change(self) -> FloatArray:
         """As `PressureCorrection.change`.  Collective."""
