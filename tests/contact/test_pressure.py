@@ -124,7 +124,7 @@ def test_where_the_pressure_is_not_smooth():
 
 @pytest.mark.parametrize("bonded", [True, False], ids=["parts", "bodies"])
 def test_a_jump_of_the_pressure(bonded):
-    """Bars of unlike modulus below a stiff lid: pressures beside the jump are exact, at it the mean if they are bonded."""
+    """Bars of unlike modulus below a stiff lid: beside the jump exact, at it the mean if the bars are bonded."""
     shapes = {name: block((x, 0, 0), (x + 1, 1, 1), (2, 2, 2), 1) for x, name in enumerate(("soft", "hard"))}
     names = ("soft", "hard")
     if bonded:
