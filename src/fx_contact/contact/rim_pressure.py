@@ -21,10 +21,9 @@ class RimPressure:
     """
 
     def __init__(self, rows: ConstraintRows, pressure: FloatArray, index: int) -> None:
-        self._rows, self._ours, self._rim, self._pressure = rows, rows.contact == index, rows.rims[index], pressure
-        area = rows.prolongation.zeros(1)
-        np.add.at(area[:, 0], self._rim.nodes, self._rim.area)
-        self._area = rows.prolongation.summed(area)[:, 0]
+        self._rows, self._rim, self._pressure = rows, rows.rims[index], pressure
+        self._ours = np.flatnonzero(rows.contact == index)
+        self._area = self._summed(self._rim.area)
 
     def change(self) -> FloatArray:
         """As `PressureCorrection.change`.  Collective."""
@@ -34,17 +33,15 @@ class RimPressure:
 
     def transposed(self, weight: FloatArray) -> FloatArray:
         """As `PressureCorrection.transposed`.  Collective."""
-        weight = np.where(self._ours, weight, 0.0)
         over = self._at_nodes(self._over_area(weight))
         return self._summed(np.einsum("mjk,mj->mk", self._rim.moments, over)) - self._at_rim(weight)
 
     def _over_area(self, values: FloatArray) -> FloatArray:
-        """Values (n,) of the rows over int W, 0 inside."""
-        area = self._area[self._rows.first]
-        return np.divide(values, area, out=np.zeros_like(values), where=self._ours & (area > 0))
+        """Values (n,) of the rows over int W, 0 inside and in rows of other contacts."""
+        return np.divide(values, self._area, out=np.zeros_like(values), where=self._area > 0)
 
     def _at_rim(self, values: FloatArray) -> FloatArray:
-        return np.where(self._ours & (self._area[self._rows.first] > 0), values, 0.0)
+        return np.where(self._area > 0, values, 0.0)
 
     def _at_nodes(self, values: FloatArray) -> FloatArray:
         """Values (n,) of the rows at the nodes of the facets: (m, (p+1)^2).  Collective."""
@@ -55,6 +52,7 @@ class RimPressure:
 
     def _summed(self, values: FloatArray) -> FloatArray:
         """Sums (n,) at the rows of values (m, (p+1)^2) at the nodes of the facets.  Collective."""
-        sums = self._rows.prolongation.zeros(1)
+        sums, result = self._rows.prolongation.zeros(1), np.zeros(len(self._rows))
         np.add.at(sums[:, 0], self._rim.nodes, values)
-        return np.where(self._ours, self._rows.prolongation.summed(sums)[self._rows.first, 0], 0.0)
+        result[self._ours] = self._rows.prolongation.summed(sums)[self._rows.first[self._ours], 0]
+        return result
