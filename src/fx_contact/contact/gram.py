@@ -57,7 +57,7 @@ class Gram:
         self._close(np.zeros(len(diagonal), dtype=bool))
 
     def on(self, closed: BoolArray) -> Gram:
-        """The same for other closed rows (n,), itself for the present ones."""
+        """The Gram matrix of closed rows (n,); itself if they are the present ones."""
         if not any_true(self._comm, self.closed != closed):
             return self
         other = copy(self)

@@ -1,11 +1,11 @@
 """The contact pressure at the rim of the second surface, which crosses facets of the first.
 
-Multipliers there have unlike areas, nodes outside of the rim too, and force over area alternates.  The pressure at the
-nodes j of such facets is the mean of the multiplier lambda on the covered part C of the facets around,
+Multipliers there have unlike areas, nodes outside of the rim too, and force over area alternates.  At the nodes j of
+such facets the pressure is a mean of the multiplier lambda on the covered part C of the facets around:
 
-    p_j = int_C W_j lambda / int_C W_j,    lambda = sum_k f_k psi_k / int psi_k,
+    p_j = int_C W_j lambda / int_C W_j,    lambda = sum_k f_k psi_k / int psi_k.
 
-with the bilinear hats W_j of corners, and the sum of those at both ends for the middles of sides.
+W_j are the bilinear hats of corners.  Middles of sides have the sum of those at both ends.
 """
 
 import numpy as np
