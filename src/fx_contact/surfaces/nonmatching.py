@@ -18,7 +18,7 @@ from fx_contact.surfaces.surface_projection import Projected, SurfaceProjection
 #: Samples of a facet, of what it faces: the middles of 4 x 4 parts.
 SAMPLES = np.stack(np.meshgrid(*2 * [(np.arange(4) + 0.5) / 4]), axis=-1).reshape(-1, 2)
 #: Middles of the edges of a facet, as `hexahedron.FACE_EDGES`.
-_EDGE_MIDDLES = np.array([[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]])
+EDGE_MIDDLES = np.array([[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]])
 #: Differences of sizes up to this are rounding [-].
 _SAME = 1e-6
 #: Ratio of moduli up to which bodies are equally soft.  Rows on the stiffer one take more iterations of the Gram system
@@ -106,7 +106,7 @@ class NonmatchingSurfaces:
         named[tuple(self.second.facets.T)] = True
         others = np.argwhere((mesh.face_neighbours == 1) & ~named)
         edges, normals = _at_edges(mesh, self.second.facets)
-        others = others[np.isin(_edges(mesh, others), edges).any(axis=1)]
+        others = others[np.isin(edges_of(mesh, others), edges).any(axis=1)]
         theirs, other_normals = _at_edges(mesh, others)
         order = np.argsort(edges)
         place = order[np.minimum(np.searchsorted(edges[order], theirs), len(order) - 1)]
@@ -165,15 +165,15 @@ class NonmatchingSurfaces:
         return place.found, (self.first.facets[place.facet[place.found]], place.uv[place.found])
 
 
-def _edges(mesh: RootMesh, facets: IntArray) -> Int64Array:
+def edges_of(mesh: RootMesh, facets: IntArray) -> Int64Array:
     """Numbers (n, 4) of the edges of facets (n, 2)."""
     return np.asarray(mesh.edges[facets[:, :1], hexahedron.FACE_EDGES[facets[:, 1]]])
 
 
 def _at_edges(mesh: RootMesh, facets: IntArray) -> tuple[Int64Array, FloatArray]:
     """Edges (4 n,) of facets (n, 2), and the unit normals (4 n, 3) of the facets at their middles."""
-    at = RootFacets(mesh, facets).at(np.arange(len(facets)), _EDGE_MIDDLES)
-    return _edges(mesh, facets).ravel(), at.normal.reshape(-1, 3)
+    at = RootFacets(mesh, facets).at(np.arange(len(facets)), EDGE_MIDDLES)
+    return edges_of(mesh, facets).ravel(), at.normal.reshape(-1, 3)
 
 
 def oriented(mesh: RootMesh, contact: ContactPair | Tie, moduli: FloatArray) -> NonmatchingSurfaces:

@@ -1,7 +1,7 @@
 """Model warnings: violated assumptions of the model, however small the error; entry `doubts` of a record.
 
-Those of a scene are in `scene_warnings`, those of a solution in `solution_warnings` and `penetration`; here a largest
-pressure that grows: at a sharp edge it is infinite, and larger on each finer mesh.
+Those of a scene are in `scene_warnings`, those of a solution in `solution_warnings`, `penetration` and `kinks`; here a
+largest pressure that grows: at a sharp edge it is infinite, and larger on each finer mesh.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ class ModelWarning:
 
     Attributes:
         kind: "large strain", "large rotation", "sliding", "load step", "no contact", "initial overlap",
-            "unresolved load", "growing pressure", "uncovered", "oblique direction", "penetration", "no load",
+            "unresolved load", "growing pressure", "kinks", "uncovered", "oblique direction", "penetration", "no load",
             "zero load", "held load", "load on contact" or "free on a plane".
         value: found, in the unit that the message says.
         limit: exceeded by the value; for "no contact" and "no load" reached.

@@ -27,6 +27,7 @@ from fx_contact.law.tangents import tangential_vectors
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
 from fx_contact.scene.scene import Scene
+from fx_contact.verdict.kinks import kinks
 from fx_contact.verdict.model_warning import LARGE, MISSED, ModelWarning, Point
 
 #: Limit of the sliding of closed rows, relative to the radius of the contact [-].
@@ -90,7 +91,12 @@ def warnings_of_state(state: SolvedState, load_totals: FloatArray) -> list[Model
         closed = state.forest.comm.allreduce(bool(state.solution.active.any()), op=MPI.LOR)
         warnings += _sliding(state, rows) + _initial_overlaps(state, rows) if closed else [_no_contact(state, rows)]
         warnings += _giving_way(state) if closed else []
-        warnings += [*_large_load_steps(state, rows), *_cut_off(state, rows), *_oblique(state, rows)]
+        warnings += [
+            *_large_load_steps(state, rows),
+            *_cut_off(state, rows),
+            *_oblique(state, rows),
+            *kinks(state, rows),
+        ]
     return warnings + _uncovered_ties(state.scene) + _unresolved_loads(state, load_totals)
 
 

@@ -1,0 +1,43 @@
+"""The model warning of kinks between root facets."""
+
+import numpy as np
+import pytest
+from conftest import everywhere
+
+from fx_contact import ContactPair, Material, RigidCylinder, Scene, SymmetryPlane, ring, root_mesh_from_shapes, solve
+from studies.nonmatching.kinks import exact, press_fit
+
+pytestmark = pytest.mark.ranks(1, 2, 3)
+
+
+def kinks(step):
+    """Values of the warnings."""
+    return [doubt.value for doubt in step.record.doubts if doubt.kind == "kinks"]
+
+
+@pytest.mark.parametrize("order, off", [(2, 0.1), (4, 0.03)])
+def test_press_fit(order, off):
+    """Of unlike meshes: pressures are off by more than 10 % at order 2, which is said, and by less than 3 % at 4."""
+    step = solve(press_fit(order, (9, 8)), 0.03, max_steps=1)
+    pressure = np.abs(step.contact.pressure[step.contact.active] / exact() - 1).max(initial=0.0)
+    if order == 2:
+        (value,) = kinks(step)
+        assert 0.5 * value < step.forest.comm.allreduce(pressure, max) < 2 * value and value > off
+    else:
+        everywhere(pressure < off, "pressures")
+        assert not kinks(step)
+
+
+def test_meshed_alike():
+    """Facets of both surfaces have the same kinks, whatever their order."""
+    assert not kinks(solve(press_fit(2, (4, 4)), 0.9, max_steps=1))
+
+
+@pytest.mark.parametrize("order", [2, 6])
+def test_obstacle(order):
+    """A ring of two cells a quarter on a smooth shaft."""
+    shape = ring(1.0, 2.0, 0.5, (1, 2, 1), order, quarters=1)
+    held = [SymmetryPlane(f"ring {side}") for side in ("x = 0", "y = 0", "bottom", "top")]
+    shaft = ContactPair("ring inside", RigidCylinder((0, 0, 0), (0, 0, 1), 1.001))
+    scene = Scene("shaft", root_mesh_from_shapes({"ring": shape}), {"ring": Material(1.0, 0.3)}, tuple(held), shaft)
+    assert bool(kinks(solve(scene, 0.9, max_steps=1))) == (order == 2)
