@@ -170,7 +170,7 @@ def test_above_contact():
     step = solve(scene, 0.2, solver=EXACT)
     assert step.record.force == pytest.approx(0.3, rel=1e-7)
     assert [*step.record.motions] == ["block top"] and step.record.motions["block top"][2] < -0.3 / YOUNG * 0.8
-    with pytest.raises(SolveError, match="nothing holds body 'block' once the contact opens"):
+    with pytest.raises(SolveError, match="nothing holds body 'block' along z: a load drives"):
         solve(replace(scene, rigid_loads=replace(load, force=(0, 0, 0.3))), 0.2, max_steps=1)
     with pytest.raises(SceneError, match="shares nodes with the surface 'block bottom'"):
         replace(scene, rigid_loads=RigidLoad("block right", (0.1, 0, 0)))
@@ -191,7 +191,7 @@ def test_through_a_body_that_contact_alone_holds():
     )
     step = solve(scene, 0.3, solver=EXACT, max_steps=2)
     assert step.record.pair_forces == pytest.approx([0.3, 0.3], rel=1e-7)
-    with pytest.raises(SolveError, match="nothing holds body 'c' once the contact opens"):
+    with pytest.raises(SolveError, match="nothing holds body 'c' along z: a load drives"):
         solve(replace(scene, rigid_loads=RigidLoad("c top", (0, 0, 0.3))), 0.3, max_steps=1)
 
 

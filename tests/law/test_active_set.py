@@ -28,7 +28,7 @@ def active_set(penetration, largest=0.0, comm=MPI.COMM_SELF, most=100, tied=None
         symmetry=1,
     )
     u = np.full((size, 3), largest)
-    return Unilateral(rows, None, np.zeros_like(u), u, most)
+    return Unilateral(rows, None, u, most)
 
 
 def test_first_guess():
@@ -142,8 +142,16 @@ def test_light_contact_within_the_solvers_error_ends():
 
 def test_what_pulls_is_not_tried_in_turn():
     """Where a body needs now this pair, now that one to hold it, and both pull, that is the error."""
+
+    class Above:
+        """A body above both pairs."""
+
+        driven = staticmethod(lambda active: {} if active.any() else {"upper": "along z"})
+        rates = staticmethod(lambda active: (np.ones(2), np.inf))
+        gaps = staticmethod(lambda active: np.array([0.0, 1.0]))
+
     status = active_set([0, -1], most=20)
-    status._driven = lambda active: {} if active.any() else {"upper": "along z"}
+    status._support, status._resisting = Above(), lambda active: active
     with pytest.raises(SolveError, match="nothing holds body 'upper'"):
         for _ in range(20):
             closest = np.where(status.active, -2.0, -1.0)

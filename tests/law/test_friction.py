@@ -196,7 +196,7 @@ def test_a_body_that_tips_or_is_lifted():
         next(adapt(tips, 0.9, degree=1))
     held = Dirichlet("cube left", x=0.0), Dirichlet("cube front", y=0.0)
     lifted = cubes("pairs", MU, held=held, tractions=[Traction("cube top", (0.0, 0.0, PRESSURE / 10))])
-    with pytest.raises(SolveError, match="nothing holds body 'cube' once the contact opens"):
+    with pytest.raises(SolveError, match="nothing holds body 'cube' along z: a load drives"):
         next(adapt(lifted, 0.9, degree=1))
 
 

@@ -27,7 +27,7 @@ from fx_contact.fem.body_motions import BodyMotions
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
-from fx_contact.fem.external_forces import body_force, load_and_totals, nodal_volumes
+from fx_contact.fem.external_forces import body_force, load_and_totals
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
 from fx_contact.fem.nodal_fields import NodalFields
 from fx_contact.fem.nodal_strain import stress_free_strain
@@ -166,7 +166,7 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         supports=supports,
         energy_norm=elasticity.energy_norm,
         rows=rows,
-        bodies=BodyMotions(scene, prolongation, supports, lambda: nodal_volumes(forest, elasticity)),
+        bodies=BodyMotions(scene, elasticity, supports),
         coarse=coarse,
         volume=volume,
         rows_at=rows_at,

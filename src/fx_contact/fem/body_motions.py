@@ -2,53 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from functools import cached_property
 
 import numpy as np
+from petsc4py import PETSc
 
-from fx_contact.fem.prolongation import Prolongation
+from fx_contact.fem.elasticity import Elasticity
+from fx_contact.fem.external_forces import nodal_volumes
 from fx_contact.fem.supports import Supports
-from fx_contact.linalg.operator import Projector
+from fx_contact.linalg.operator import MatrixOperator, Projector
+from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.scene.scene import Scene
+
+#: Energies of rigid motions, relative to those of the diagonal, up to which they are the rounding of 0.
+UNRESISTED = 1e-12
 
 
 class BodyMotions:
     """Rigid motions of the bodies of a scene at the owned conforming nodes.
 
-    Args:
-        volumes: (owned,), integrals of the functions of the nodes [m^3]; collective.
-
     Attributes:
         rigid: the motions, with the names of the bodies.
     """
 
-    def __init__(
-        self, scene: Scene, prolongation: Prolongation, supports: Supports, volumes: Callable[[], FloatArray]
-    ) -> None:
-        self.rigid, self._prolongation, self._supports, self._volumes = (
-            scene.rigid_motions,
-            prolongation,
-            supports,
-            volumes,
-        )
-        space, self._count = prolongation.space, len(scene.mesh.bodies)
+    def __init__(self, scene: Scene, elasticity: Elasticity, supports: Supports) -> None:
+        self.rigid, self._elasticity, self._supports = scene.rigid_motions, elasticity, supports
+        self._prolongation, self._count = elasticity.prolongation, len(scene.mesh.bodies)
+        space = self._prolongation.space
         cell = space.forest.cell[space.example[:, 0]]
-        self._body = prolongation.injected(scene.mesh.body[cell].astype(np.int64))
+        self._body = self._prolongation.injected(scene.mesh.body[cell].astype(np.int64))
 
     @cached_property
     def modes(self) -> FloatArray:
         """(6, owned, 3), displacements for unit coefficients of each node's body, 0 where held [-].  Local."""
-        positions = self._prolongation.injected(self._prolongation.space.positions())
+        space = self._prolongation.space
+        leaf, local = space.example.T
+        positions = self._elasticity.leaf_mesh.positions(leaf, local, space.degree)
+        positions = self._prolongation.injected(positions)
         modes = self.rigid.modes(positions, self._body).swapaxes(0, 1)
         return np.stack([self._supports.free_part(mode) for mode in np.ascontiguousarray(modes)])
 
     @cached_property
     def volumes(self) -> FloatArray:
-        """(owned, 1), those of the arguments [m^3].  Collective at the first call."""
-        return self._volumes()[:, None]
+        """(owned, 1), integrals of the functions of the nodes [m^3].  Collective at the first call."""
+        return nodal_volumes(self._prolongation.space.forest, self._elasticity)[:, None]
 
     def sums(self, values: FloatArray, modes: FloatArray | None = None) -> FloatArray:
         """This rank's sums over each body of modes (6, owned, 3) times values (owned, 3): (nbodies, 6)."""
@@ -64,6 +63,20 @@ class BodyMotions:
     def displacement(self, motion: FloatArray) -> FloatArray:
         """The displacement (owned, 3) [m] of coefficients (nbodies, 6) [m].  Local."""
         return np.einsum("nm,mni->ni", motion[self._body], self.modes)
+
+    def resistance(self, matrix: PETSc.Mat) -> FloatArray:
+        """R^T K R of a matrix K without coupling of bodies, and R^T diag(K) R: (2, nbodies, 6, 6) [N/m].  Collective.
+
+        Cells resist rotations where their geometry has a higher order than the displacements.
+        """
+        products: FloatArray = np.zeros_like(self.modes)
+        with PetscObjects() as objects:
+            operator = MatrixOperator(matrix, objects)
+            for index in range(6):
+                operator.add_product(self.modes[index], products[index])
+            of_diagonal = operator.diagonal() * self.modes
+        sums = np.stack([np.stack([self.sums(one) for one in each], axis=2) for each in (products, of_diagonal)])
+        return np.asarray(self._prolongation.comm.allreduce(sums))
 
     def gram(self) -> FloatArray:
         """(nbodies, 6, 6), integrals of products of modes over each body [m^3].  Collective."""
@@ -93,11 +106,6 @@ class FreeMotions:
         self._dual = np.tensordot(np.linalg.inv(gram), motions, axes=1)
         self._behind: Projector | None = None
         self.rigid = True
-
-    @property
-    def named(self) -> dict[str, str]:
-        """Bodies that move, and how.  Local."""
-        return self._bodies.rigid.named(self._motions)
 
     def behind(self, projector: Projector) -> FreeMotions:
         """The product Q P with another projector.  Local."""

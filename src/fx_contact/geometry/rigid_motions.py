@@ -56,6 +56,11 @@ class RigidMotions:
         self.free = motions[free].reshape(-1, len(mesh.bodies), 6)
         self.prescribed = motion.reshape(-1, 6)
 
+    @property
+    def turning(self) -> bool:
+        """True if a free motion turns a body."""
+        return bool(np.abs(self.free[:, :, 3:]).max(initial=0.0) > _ROUNDING)
+
     @cached_property
     def _extents(self) -> tuple[FloatArray, FloatArray]:
         """Middle and size of each body: (nbodies, 3) and (nbodies, 1) [m]."""

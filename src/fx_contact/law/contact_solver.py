@@ -141,8 +141,8 @@ def solve_system(
         matrix.assemble()
         load, root = _impose(problem)
     if rows is None or jump is None:
-        free = _without_contact(problem, load)
-        system = LinearSystem(problem, options.solver, stages, objects, free)
+        free, left_out = _without_contact(problem, load)
+        system = LinearSystem(problem, options.solver, stages, objects, left_out)
         with stages("solve"):
             u = system.solve(load, u, options.solver.tolerance)
         error, of_rows = system.solver.energy_error, _WITHOUT_ROWS
@@ -161,7 +161,7 @@ def solve_system(
             rows = jump.rows
             motions |= RowMotions.of(rows, turning=True).entries(distances)
         law.check_supported()
-        free = system.springs.free
+        free = law.free_motions()
         motions |= constant.entries(constant.found(rows.penetration(u)))
         of_rows = _of_rows(law, jump.movable, rows, u, trial)
     solution = ContactSolution(
@@ -170,7 +170,7 @@ def solve_system(
         krylov_iterations=list(system.solver.iterations),
         preconditioner=system.solver.preconditioner,
         motions=motions,
-        free_motions={} if free is None else free.named,
+        free_motions=free,
         energy_error=error,
         rounding=ROUNDING * float(np.sqrt(comm.allreduce(float(((root * u) ** 2).sum())))),
         **of_rows,
@@ -219,9 +219,12 @@ def _first_guess(
     jump, matrix = capped.jump, problem.matrix.mat
     rows = jump.rows
     exact, most = options.enforcement.method == "exact", options.solver.max_contact
-    status = Unilateral(rows, problem.bodies, load, u, most, exact, problem.before)
-    if problem.bodies is not None and not carried:
-        u = move_bodies(problem.bodies, matrix, load, jump, status.active * rows.capped_stiffness, u)
+    bodies, loaded = problem.bodies, None
+    if bodies is not None and len(bodies.rigid.free):
+        loaded = LoadedMotions(bodies, load, matrix, RowMotions.of(rows, turning=False).loads)
+    status = Unilateral(rows, loaded, u, most, exact, problem.before)
+    if bodies is not None and not carried:
+        u = move_bodies(bodies, matrix, load, jump, status.active * rows.capped_stiffness, u)
     capped.of(status.active).add_to(matrix)
     if carried and problem.volume is None:  # the matrix alone is too soft
         u = relax(matrix, load, capped, u, status, rows.prolongation.space.degree)
@@ -229,15 +232,19 @@ def _first_guess(
     return status, u
 
 
-def _without_contact(problem: ContactProblem, load: FloatArray) -> FreeMotions | None:
-    """Free motions of bodies without contact.  Collective.  Raises SolveError: a load moves them."""
+def _without_contact(problem: ContactProblem, load: FloatArray) -> tuple[dict[str, str], FreeMotions | None]:
+    """Free motions of bodies without contact, by name, and what leaves them out.  Collective.
+
+    Raises SolveError: a load moves them.
+    """
     if problem.bodies is None or not len(problem.bodies.rigid.free):
-        return None
-    loaded, loose = LoadedMotions(problem.bodies, load), np.eye(len(problem.bodies.rigid.free))
+        return {}, None
+    loaded = LoadedMotions(problem.bodies, load, problem.matrix.mat)
+    loose = np.eye(len(problem.bodies.rigid.free))
     free = loaded.free(loose)
     if driven := loaded.driven(free, loose):
         raise driven_error(driven)
-    return loaded.left_out(free)
+    return loaded.named(free), loaded.left_out(free)
 
 
 def _impose(problem: ContactProblem) -> tuple[FloatArray, FloatArray]:

@@ -1,10 +1,11 @@
 """Rigid motions that neither conditions nor closed rows resist: free ones, and those that a load drives."""
 
 import numpy as np
+from petsc4py import PETSc
 from scipy.linalg import block_diag
 from scipy.sparse.csgraph import connected_components
 
-from fx_contact.fem.body_motions import BodyMotions, FreeMotions
+from fx_contact.fem.body_motions import UNRESISTED, BodyMotions, FreeMotions
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SolveError
 
@@ -23,14 +24,26 @@ class LoadedMotions:
 
     Args:
         load: (owned, 3) [N].
+        matrix: K, without contact.
         given: (m,), forces that drive m motions of interfaces [N].
+
+    Attributes:
+        rigid: the motions of the bodies.
     """
 
-    def __init__(self, bodies: BodyMotions, load: FloatArray, given: FloatArray = np.zeros(0)) -> None:
+    def __init__(
+        self, bodies: BodyMotions, load: FloatArray, matrix: PETSc.Mat, given: FloatArray = np.zeros(0)
+    ) -> None:
+        self.rigid = bodies.rigid
         basis = bodies.rigid.free.reshape(len(bodies.rigid.free), -1)
         work, size = bodies.work(load).reshape(2, -1)
         self._bodies, self._basis = bodies, block_diag(basis, np.eye(len(given)))
         self._work, self._size = np.concatenate([work, given]), np.concatenate([size, np.abs(given)])
+        none = np.zeros((len(given), len(given)))
+        resistance: FloatArray = np.zeros((2, len(bodies.rigid.free[0]), 6, 6))
+        if bodies.rigid.turning:  # else cells resist none of them
+            resistance = bodies.resistance(matrix)
+        self._resistance = np.stack([self._basis @ block_diag(*one, none) @ self._basis.T for one in resistance])
 
     def free(self, motions: FloatArray, joined: FloatArray | None = None) -> FloatArray:
         """The motions, orthonormal, in which the loads do no work.
@@ -52,17 +65,45 @@ class LoadedMotions:
 
     def driven(self, free: FloatArray, motions: FloatArray) -> dict[str, str]:
         """Bodies that move in motions besides free ones, by name, and how."""
-        rest = np.linalg.svd(free @ motions.T)[2][len(free) :] @ motions
-        return self._bodies.rigid.named(self._bodies.rigid.coefficients(rest))
+        return self.named(_besides(free, motions))
+
+    def motion(self, free: FloatArray, motions: FloatArray) -> tuple[FloatArray, float]:
+        """The unit motion (k + m,) besides free ones along which loads do most work, 0 if none, and its length [m].
+
+        The length is that at which cells balance the loads, while free motions do not resist; infinite without.
+        """
+        rest = _besides(free, motions)
+        along = rest.T @ (rest @ (self._basis @ self._work))
+        force = float(np.linalg.norm(along))
+        along /= force or 1.0
+        both = np.vstack([along, free])
+        energy, diagonal = both @ self._resistance @ both.T
+        resistance = energy[0, 0] - energy[0, 1:] @ np.linalg.pinv(energy[1:, 1:], UNRESISTED, True) @ energy[1:, 0]
+        return along, force / float(resistance) if resistance > UNRESISTED * diagonal[0, 0] else np.inf
+
+    def named(self, free: FloatArray) -> dict[str, str]:
+        """Bodies that move in motions (l, k + m), by name, and how."""
+        return self.rigid.named(self.rigid.coefficients(free))
 
     def left_out(self, free: FloatArray) -> FreeMotions | None:
-        """The projector that leaves free motions out; None: there are none.  Collective."""
-        coefficients = self._bodies.rigid.coefficients(free)
+        """The projector that leaves out free motions, but for those that curved cells resist; None: there are none.
+
+        Collective.
+        """
+        energy, diagonal = free @ self._resistance @ free.T
+        values, vectors = np.linalg.eigh(energy)
+        free = vectors.T[values <= UNRESISTED * np.diagonal(diagonal).max(initial=0.0)] @ free
+        coefficients = self.rigid.coefficients(free)
         _, size, basis = np.linalg.svd(
             coefficients.reshape(len(free), 6 * coefficients.shape[1]), full_matrices=False
         )
         some = basis[size > _ROUNDING].reshape(-1, *coefficients.shape[1:])
         return FreeMotions(self._bodies, some) if len(some) else None
+
+
+def _besides(free: FloatArray, motions: FloatArray) -> FloatArray:
+    """Orthonormal motions that are orthogonal to free ones."""
+    return np.asarray(np.linalg.svd(free @ motions.T)[2][len(free) :] @ motions)
 
 
 def driven_error(driven: dict[str, str]) -> SolveError:

@@ -3,18 +3,17 @@
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.linalg import block_diag
 
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm
-from fx_contact.fem.body_motions import BodyMotions
+from fx_contact.fem.body_motions import UNRESISTED, BodyMotions
 from fx_contact.law.unilateral import Unilateral
 from fx_contact.linalg.matrix import diagonal_blocks
 from fx_contact.linalg.operator import Equations, MatrixOperator
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.parallel.arrays import FloatArray
 
-#: Eigenvalues of the rigid motions' energy, relative to its diagonal, up to which they are the rounding of 0.
-_UNRESISTED = 1e-12
 #: Iterations with block Jacobi before each update of the active set by degree, and most updates
 #: (`studies.cost.contact_constants`).
 _RELAXATION, _UPDATES = {1: 15, 2: 5}, 5
@@ -36,32 +35,28 @@ def move_bodies(
         stiffness: (n,), k [N/m].
         u: (owned, 3), displacement so far [m].
     """
-    rows, entries, modes = jump.rows, jump.rows.entries, bodies.modes
+    rows, entries = jump.rows, jump.rows.entries
     with PetscObjects() as objects:
         operator = MatrixOperator(matrix, objects)
         force = bodies.sums(Equations(load, PenaltyTerm(jump, stiffness)).residual(operator, u))
-        products = np.zeros_like(modes)  # six suffice, for K does not couple bodies
-        for mode in range(6):
-            operator.add_product(modes[mode], products[mode])
-        diagonal = bodies.sums(operator.diagonal(), modes**2).ravel()
 
     count = len(force)
-    gram = np.zeros((count, 6, count, 6))
-    gram[np.arange(count), :, np.arange(count)] = np.stack([bodies.sums(one) for one in products], axis=2)
     across = np.zeros((len(rows), 6 * count))
     moved = rows.bodies[entries.row, entries.side]
     np.add.at(across, entries.row, bodies.rigid.along(rows.position[entries.row], moved, jump.values))
-    square = gram.reshape(6 * count, -1) + (across.T * stiffness) @ across
-    sums = np.concatenate([square, force.reshape(1, -1), (diagonal + stiffness @ across**2)[None]])
+    square = (across.T * stiffness) @ across
+    sums = np.concatenate([square, force.reshape(1, -1)])
     rows.prolongation.comm.Allreduce(MPI.IN_PLACE, sums)
-    return u + bodies.displacement(_solved(sums[:-2], sums[-2], sums[-1]).reshape(count, 6))
+    of_cells, diagonal = (block_diag(*one) for one in bodies.resistance(matrix))
+    diagonal = np.diagonal(sums[:-1] + diagonal)
+    return u + bodies.displacement(_solved(sums[:-1] + of_cells, sums[-1], diagonal).reshape(count, 6))
 
 
 def _solved(matrix: FloatArray, right_hand_side: FloatArray, diagonal: FloatArray) -> FloatArray:
     """The minimum-norm solution of a symmetric system, scaled by its diagonal before cancellation."""
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
     values, vectors = np.linalg.eigh(scale[:, None] * (matrix + matrix.T) / 2 * scale)
-    some = values > _UNRESISTED
+    some = values > UNRESISTED
     vectors = scale[:, None] * vectors[:, some]
     return vectors @ ((right_hand_side @ vectors) / values[some])
 

@@ -18,12 +18,13 @@ from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_problem import History
 from fx_contact.contact.contact_system import Springs
 from fx_contact.contact.row_motions import RowMotions
-from fx_contact.fem.body_motions import BodyMotions
 from fx_contact.law.free_motions import LoadedMotions, driven_error
+from fx_contact.law.support import Resisting, Support
 from fx_contact.law.tangential import tangential_status
 from fx_contact.law.tangents import tangential_vectors
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.mpi import any_true
 
 #: Advice for a body that friction does not hold.
 _HOLD = (
@@ -38,8 +39,7 @@ class Unilateral:
     Collective on the prolongation's comm.
 
     Args:
-        bodies: to support those that loads move without resistance of an active set; None: not checked.
-        load: (owned, 3), right-hand side without contact [N].
+        loaded: motions of free bodies, to support those that loads drive; None: there are none.
         u: (owned, 3), displacement [m].
         most: linear solves; None: no limit.
         exact: closed rows do not yield.
@@ -52,8 +52,8 @@ class Unilateral:
         of_others: updates for rows before the present ones (`exchange_rows`).
     """
 
-    #: Parts of the range of the gaps, from rounding to 1, within which rows are closed to support a free body.
-    _BANDS = 4.0 ** -np.arange(12, -1, -1)
+    #: Gaps that differ by this part of their range, and rates of unit motions up to it, are rounding [-].
+    _ALIKE = 4.0**-12
     #: Penetrations and gaps up to this part of the largest displacement are rounding (1e4 times that of a double),
     #: for instance of rows closed on the coarser mesh.
     _TOUCHING = 1e-12
@@ -66,8 +66,7 @@ class Unilateral:
     def __init__(
         self,
         rows: ConstraintRows,
-        bodies: BodyMotions | None,
-        load: FloatArray,
+        loaded: LoadedMotions | None,
         u: FloatArray,
         most: int | None,
         exact: bool = True,
@@ -79,9 +78,8 @@ class Unilateral:
         self._needed = self._carried = 0.0  # tangential force of nodes that all stick, and its bound
         self._always, self.normal = rows.role == Role.EQUATION, rows.role == Role.NORMAL
         self._tangents, self._motions = tangential_status(rows, before), RowMotions.of(rows, turning=False)
-        self._rigid, self._loaded = None, None
-        if bodies is not None and len(bodies.rigid.free):
-            self._rigid, self._loaded = bodies.rigid, LoadedMotions(bodies, load, self._motions.loads)
+        self._support = None if loaded is None else Support(loaded, self._motions)
+        self.active = self._always
         penetration = rows.penetration(u)
         deepest, rounding = self._largest(penetration), self._TOUCHING * self._max(np.abs(u))
         closed = self.normal & (penetration >= min(deepest, 0.0) - rounding)
@@ -104,10 +102,8 @@ class Unilateral:
     def springs(self, active: BoolArray | None = None) -> Springs:
         """Springs of the rows for closed normals and equations (n,), by default the present ones."""
         active = self.active if active is None else active
-        springs = self._springs(active)
-        return (
-            springs if self._loaded is None else replace(springs, free=self._loaded.left_out(self._free(active)[0]))
-        )
+        springs, support = self._springs(active), self._support
+        return springs if support is None else replace(springs, free=support.left_out(self._resisting(active)))
 
     def _springs(self, active: BoolArray) -> Springs:
         """`springs`, without free motions.  Local."""
@@ -116,6 +112,10 @@ class Unilateral:
         for tangents in self._tangents:
             springs = springs + tangents.springs(active)
         return springs
+
+    def free_motions(self) -> dict[str, str]:
+        """Bodies that nothing holds and no load moves, by name, and how they could move.  Collective."""
+        return {} if self._support is None else self._support.free(self._resisting(self.active))
 
     @property
     def slides(self) -> bool:
@@ -280,44 +280,43 @@ class Unilateral:
         return bool(same.any())
 
     def _supporting(self, active: BoolArray, penetration: FloatArray) -> BoolArray:
-        """An active set with the rows closest to touching that support driven bodies.  Raises SolveError."""
-        active = active | self._always
-        self._loose = self._driven(active)
-        if self._loose:
-            top, bottom = self._largest(penetration), -self._largest(-penetration)
-            if np.isfinite(top):
-                for band in self._BANDS:
-                    more: BoolArray = active | (self.normal & (penetration >= top - band * (top - bottom)))
-                    if not self._driven(more):
-                        return more
-            if not self._slides:
-                raise driven_error(self._driven(active | self.normal))
-        return active
+        """An active set with the rows that touch, and that driven bodies reach.  Raises SolveError: they reach none."""
+        support, active = self._support, active | self._always
+        self._loose = {} if support is None else support.driven(self._resisting(active))
+        if support is None or not self._loose:
+            return active
+        top, bottom = self._largest(penetration), -self._largest(-penetration)
+        gap, touching = min(top, 0.0) - penetration, self._ALIKE * max(top - bottom, 0.0)
+        more: BoolArray = active
+        while driven := support.driven(by := self._resisting(more)):
+            rate, balanced = support.rates(by)
+            closing = self.normal & ~more & (rate > self._ALIKE)
+            way, from_rest = (self._shortest(gaps[closing], rate[closing]) for gaps in (gap, support.gaps(by)))
+            if balanced < from_rest < np.inf:
+                self._loose = {}
+                return more
+            near = self.normal & ~more & ~self.active & (gap <= touching)
+            if not any_true(self._comm, near):
+                if not np.isfinite(way):
+                    if self._slides:
+                        return active
+                    raise driven_error(driven)
+                gap = gap - way * rate
+                near = closing & (gap <= touching)
+            more = more | near
+        return more
 
-    def _driven(self, active: BoolArray) -> dict[str, str]:
-        """Bodies that loads move without resistance by conditions and the active rows, or that slide, and how."""
-        return {} if self._loaded is None else self._loaded.driven(*self._free(active))
+    def _shortest(self, gap: FloatArray, rate: FloatArray) -> float:
+        """The least way to rows with positive rates."""
+        return -self._max(-np.maximum(gap, 0.0) / rate)
 
-    def _free(self, active: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """Free motions, as of `LoadedMotions`, and all that closed normals and equations do not resist."""
-        assert self._loaded is not None and self._rigid is not None
-        closed, normal = self._springs(active).closed, self.turned_rows().normal
-        loose = held = self._unresisted(closed, normal)
-        if self._tangents:
-            sticks = np.any([closed, *(tangents.closed(active) for tangents in self._tangents)], axis=0)
-            held = self._unresisted(sticks, normal)
-        pairs = self._rows.bodies[closed & (self._rows.bodies >= 0).all(axis=1)]
-        joined = np.zeros(2 * (len(self._rigid.free[0]),))
-        joined[tuple(pairs.T)] = 1.0
-        return self._loaded.free(held, self._motions.sum(joined)), loose
-
-    def _unresisted(self, closed: BoolArray, normal: FloatArray) -> FloatArray:
-        """Motions that closed rows (n,) with directions (n, 3) do not resist."""
-        assert self._rigid is not None
-        rows, normal = self._rows, normal[closed]
-        first, second = (self._rigid.free_along(rows.position[closed], one, normal) for one in rows.bodies[closed].T)
-        resisted = np.hstack([first - second, self._motions.rates[:, closed].T])  # sections and faces give way
-        return self._rigid.unresisted(self._motions.sum(resisted.T @ resisted))
+    def _resisting(self, active: BoolArray) -> Resisting:
+        """The rows that resist motions with an active set (n,).  Local."""
+        closed = self._springs(active).closed
+        sticks = closed
+        for tangents in self._tangents:
+            sticks = sticks | tangents.closed(active)
+        return Resisting(self._rows, closed, sticks, self.turned_rows().normal)
 
     def _largest(self, values: FloatArray) -> float:
         """Largest of values (n,) in rows that may open."""

@@ -1,0 +1,82 @@
+"""Support of bodies that loads drive: motions that closed rows leave them, and rates at which they reach other rows."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.contact.row_motions import RowMotions
+from fx_contact.fem.body_motions import UNRESISTED, FreeMotions
+from fx_contact.law.free_motions import LoadedMotions
+from fx_contact.parallel.arrays import BoolArray, FloatArray
+
+
+class Resisting(NamedTuple):
+    """Rows that resist motions.
+
+    Attributes:
+        closed: (n,), rigid rows.
+        sticks: (n,), and tangents that slip, with a bounded force.
+        direction: (n, 3).
+    """
+
+    rows: ConstraintRows
+    closed: BoolArray
+    sticks: BoolArray
+    direction: FloatArray
+
+
+class Support:
+    """Motions that rows leave to free bodies, with loads on them.
+
+    Args:
+        motions: of sections and faces, which give way.
+    """
+
+    def __init__(self, loaded: LoadedMotions, motions: RowMotions) -> None:
+        self._loaded, self._motions = loaded, motions
+
+    def left_out(self, by: Resisting) -> FreeMotions | None:
+        """The projector that leaves free motions out; None: there are none.  Collective."""
+        return self._loaded.left_out(self._free(by)[0])
+
+    def free(self, by: Resisting) -> dict[str, str]:
+        """Bodies that nothing holds and no load moves, by name, and how they could move.  Collective."""
+        return self._loaded.named(self._free(by)[0])
+
+    def driven(self, by: Resisting) -> dict[str, str]:
+        """Bodies that loads move without resistance, or that slide, and how.  Collective."""
+        return self._loaded.driven(*self._free(by))
+
+    def rates(self, by: Resisting) -> tuple[FloatArray, float]:
+        """Rates (n,) of penetration as loads drive bodies, and how far, as by `LoadedMotions.motion`.  Collective."""
+        motion, way = self._loaded.motion(*self._free(by))
+        return self._penetration(by, np.full(len(by.closed), True)) @ motion, way
+
+    def gaps(self, by: Resisting) -> FloatArray:
+        """Gaps (n,) of the rows once the undeformed bodies close the rigid ones, in least squares [m].  Collective."""
+        every = self._penetration(by, np.full(len(by.closed), True))
+        closed, gap = every[by.closed], by.rows.gap
+        sums = self._motions.sum(np.column_stack([closed.T @ closed, closed.T @ gap[by.closed]]))
+        return np.asarray(gap - every @ (np.linalg.pinv(sums[:, :-1], UNRESISTED, True) @ sums[:, -1]))
+
+    def _free(self, by: Resisting) -> tuple[FloatArray, FloatArray]:
+        """Free motions, as of `LoadedMotions`, and all that rigid rows do not resist."""
+        loose = held = self._unresisted(by, by.closed)
+        if by.sticks is not by.closed:
+            held = self._unresisted(by, by.sticks)
+        pairs = by.rows.bodies[by.closed & (by.rows.bodies >= 0).all(axis=1)]
+        joined = np.zeros(2 * (len(self._loaded.rigid.free[0]),))
+        joined[tuple(pairs.T)] = 1.0
+        return self._loaded.free(held, self._motions.sum(joined)), loose
+
+    def _unresisted(self, by: Resisting, closed: BoolArray) -> FloatArray:
+        """Motions that closed rows (n,) do not resist."""
+        resisted = self._penetration(by, closed)
+        return self._loaded.rigid.unresisted(self._motions.sum(resisted.T @ resisted))
+
+    def _penetration(self, by: Resisting, some: BoolArray) -> FloatArray:
+        """Rates (l, k + m) of penetration of some rows (n,) in the motions."""
+        rows, along, rigid = by.rows, by.direction[some], self._loaded.rigid
+        first, second = (rigid.free_along(rows.position[some], one, along) for one in rows.bodies[some].T)
+        return np.hstack([first - second, self._motions.rates[:, some].T])
