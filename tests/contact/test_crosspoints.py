@@ -11,9 +11,11 @@ from fx_contact import (
     ContactPair,
     Dirichlet,
     Material,
+    PairingError,
     Pressure,
     RigidPlane,
     Scene,
+    SceneError,
     Solver,
     Tie,
     adapt,
@@ -190,6 +192,25 @@ def test_two_stamps(degree, place):
     assert "one bottom + two bottom on base top" in str(both)
 
 
+def test_a_contact_inside_another_one():
+    """The first one acts where both join facets; one that would never act is an error."""
+    one, both = ("one bottom", "base top"), (("one bottom", "two bottom"), "base top")
+    step = adapt(stamps(one, both), 0.1, degree=1, max_steps=2).last_step()
+    assert vertical(step) == pytest.approx([PRESSURE, 2 * PRESSURE], rel=1e-6)
+    with pytest.raises(PairingError, match="joins all facets of 'one bottom' on 'base top': leave one of them out"):
+        stamps(both, one)
+    with pytest.raises(SceneError, match="twice in the union"):
+        stamps((("one bottom", "one bottom"), "base top"))
+
+
+def test_loads_beside_contact():
+    """A load on the part of a surface that faces nothing is none on contact."""
+    scene = stamps(*EACH)
+    beside = replace(scene, tractions=(*scene.tractions, Pressure("base top", PRESSURE)))
+    (doubt,) = adapt(beside, 0.1, degree=1, max_steps=1).last_step().record.doubts
+    assert doubt.kind == "load on contact" and doubt.value == pytest.approx(0.5)
+
+
 def test_a_tie_beside_contact():
     """A stamp is glued, the other one in contact with friction, on the same surface."""
     scene = stamps(EACH[1], ties=(Tie(*EACH[0]),), friction=0.3)
@@ -200,9 +221,13 @@ def test_a_tie_beside_contact():
 
 @pytest.mark.parametrize("modulus", [1.0, 0.3])
 @pytest.mark.parametrize("cells", [2, 3])
+@pytest.mark.parametrize("crack", ["right half", "bottom"])
 @pytest.mark.parametrize("degree", [1, 2])
-def test_a_half_closed_crack(degree, cells, modulus):
-    """Half of a block glued, half in contact, on one surface, rows on either: exact, without an edge on the base."""
+def test_a_half_closed_crack(degree, crack, cells, modulus):
+    """Half of a block glued, half in contact, on one surface, rows on either: exact, without an edge on the base.
+
+    Contact of the whole surface does not act where it is glued.
+    """
     upper = block((0, 0, 1), (1, 1, 2), (4, 4, 4), 1)
     upper = upper.named("left half", "bottom", where=lambda x: x[0] < 0.5 + 1e-9)
     upper = upper.named("right half", "bottom", where=lambda x: x[0] > 0.5 - 1e-9)
@@ -211,7 +236,7 @@ def test_a_half_closed_crack(degree, cells, modulus):
         root_mesh_from_shapes({"upper": upper, "base": block((0, 0, 0), (1, 1, 1), (cells, 3, 3), 1)}),
         {"upper": Material(1.0, 0.0), "base": Material(modulus, 0.0)},
         [Dirichlet("base bottom", 0.0, 0.0, 0.0)],
-        [ContactPair("upper right half", "base top")],
+        [ContactPair(f"upper {crack}", "base top")],
         [Pressure("upper top", PRESSURE)],
         ties=(Tie("upper left half", "base top"),),
     )

@@ -64,6 +64,8 @@ class FacingFacets:
         cell, level, anchor = name[:, 0].astype(np.int32), name[:, 1].astype(np.int8), name[:, 3:6].astype(np.int32)
         second = LeafFacets.of_leaves(leaves.mesh, cell, level, anchor, name[:, 2])
         pairs = np.stack([asked, number.ravel()], axis=1)
+        sides = (np.stack([side.cell, side.face], axis=1)[column] for side, column in zip((first, second), pairs.T))
+        pairs = pairs[~surfaces.joined_before(*sides)]
         faced = samples.on(second, pairs)
         return cls(leaves, surfaces, leaf, face, first, second, level, anchor, name[:, 6], pairs, faced)
 

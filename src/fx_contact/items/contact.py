@@ -89,13 +89,15 @@ class Contact(ABC):
 def union(names: str | tuple[str, ...]) -> str:
     """The name of the union of surfaces, "a + b", as `HexahedralMesh.surface` takes it.  Local.
 
-    Raises SceneError for what is no name, and no tuple of names.
+    Raises SceneError for what is no name, and no tuple of different names.
     """
     every = (names,) if isinstance(names, str) else names
     if not isinstance(every, tuple) or not every or not all(isinstance(name, str) for name in every):
         raise SceneError(
             f"a contact or tie takes a surface by its name, or several by a tuple of names, got {shown(names)}"
         )
+    if len(set(every)) < len(every):
+        raise SceneError(f"a surface is twice in the union {shown(names)}")
     return UNION.join(every)
 
 

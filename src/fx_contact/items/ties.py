@@ -80,7 +80,7 @@ class Preload(Tie):
         check_vector(f"the axis of {self.label}", self.axis)
         check_direction(f"the axis of {self.label}", self.axis)
         if self.tension is not None:
-            check_number(f"the tension of {self.label}", self.tension, positive=self.tension != 0)
+            check_number(f"the tension of {self.label}, if not 0,", self.tension, positive=self.tension != 0)
         if self.closing is not None:
             check_number(f"the closing of {self.label}", self.closing)
         elif self.tension is None:

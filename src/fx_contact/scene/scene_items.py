@@ -30,7 +30,7 @@ from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArr
 from fx_contact.scene.held_loads import held_share, held_stiffness
 from fx_contact.scene.mirrors import Mirrors, PlaneSurface, mirrors_of, symmetry_planes
 from fx_contact.scene.rigid_faces import RigidFace, rigid_face
-from fx_contact.surfaces.contact_surfaces import ContactSurfaces
+from fx_contact.surfaces.contact_surfaces import ContactSurfaces, preceding
 from fx_contact.surfaces.facet_pairing import Pairing
 from fx_contact.surfaces.nonmatching import NonmatchingSurfaces, oriented
 
@@ -135,7 +135,10 @@ class SceneItems:
         """Surfaces whose meshes do not match, by index among `interfaces`; first the one with the rows."""
         moduli = np.array([self.materials[region].plane_strain_modulus for region in self.mesh.regions])
         pairs: dict[int, ContactPair | Tie] = self.numbered(ContactPair) | self.numbered(Tie)
-        return {index: oriented(self.mesh, pairs[index], moduli) for index in self.pairing.nonmatching}
+        result = {index: oriented(self.mesh, pairs[index], moduli) for index in self.pairing.nonmatching}
+        for index, surfaces in result.items():
+            surfaces.before = tuple(result[other] for other in preceding(self.interfaces, index) if other in result)
+        return result
 
     @property
     def oriented(self) -> tuple[Contact, ...]:

@@ -31,6 +31,9 @@ class NonmatchingSurfaces:
 
     Points of the first surface face the nearest place of the second along their normal, or along the direction of the
     contact; no place that is farther behind than the largest root facet.
+
+    Attributes:
+        before: surfaces of contacts and ties that act instead where they join the same facets.
     """
 
     def __init__(
@@ -42,6 +45,7 @@ class NonmatchingSurfaces:
     ) -> None:
         self.mesh, self.contact, self._onto_first, self._onto_second = mesh, contact, onto_first, onto_second
         self.first, self.second = onto_first.facets, onto_second.facets
+        self.before: tuple[NonmatchingSurfaces, ...] = ()
 
     @classmethod
     def of(cls, mesh: RootMesh, contact: ContactPair | Tie) -> Self:
@@ -81,6 +85,18 @@ class NonmatchingSurfaces:
     def nearest(self, position: FloatArray) -> FloatArray:
         """Bounds (k,) of the distance of points (k, 3) to the second surface [m]."""
         return self._onto_second.nearest(position)
+
+    def joins(self, first: IntArray, second: IntArray) -> BoolArray:
+        """(k,), True for pairs of root facets (k, 2) and (k, 2) that are on both surfaces, one on each."""
+        on = np.zeros((2, len(self.mesh.cells), 6), dtype=bool)
+        for side, facets in zip(on, self._both):
+            side[tuple(facets.facets.T)] = True
+        (one, other), (two, another) = on[:, *first.T], on[:, *second.T]
+        return np.asarray(one & another | other & two)
+
+    def joined_before(self, first: IntArray, second: IntArray) -> BoolArray:
+        """(k,), pairs of root facets that `before` joins, as of `joins`."""
+        return np.any([np.zeros(len(first), dtype=bool), *(one.joins(first, second) for one in self.before)], axis=0)
 
     @cached_property
     def faced_samples(self) -> Int64Array:

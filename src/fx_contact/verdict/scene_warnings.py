@@ -61,11 +61,10 @@ def _zero_loads(scene: Scene) -> list[ModelWarning]:
 
 def _loads_on_contact(scene: Scene) -> list[ModelWarning]:
     """Surface forces and elastic supports of which a part acts on contact or tied surfaces."""
-    mesh, warnings = scene.mesh, list[ModelWarning]()
-    joined = scene.contact_surfaces.on(
-        [i for i, one in enumerate(scene.interfaces) if not isinstance(one, RigidFace)]
-    )
-    for load in (*scene.tractions, *scene.springs):
+    mesh, warnings, every = scene.mesh, list[ModelWarning](), scene.contact_surfaces.every
+    loads = [load for load in (*scene.tractions, *scene.springs) if every[tuple(mesh.surface(load.surface).T)].any()]
+    joined = _joined(scene) if loads else every
+    for load in loads:
         facets = mesh.surface(load.surface)
         area = mesh.facet_areas(facets)
         share = float(area @ joined[tuple(facets.T)] / area.sum())
@@ -76,6 +75,18 @@ def _loads_on_contact(scene: Scene) -> list[ModelWarning]:
             )
             warnings.append(ModelWarning("load on contact", share, MISSED, load.surface, message))
     return warnings
+
+
+def _joined(scene: Scene) -> FloatArray:
+    """(ncells, 6), parts of root facets on contact and tied surfaces; of those meshed apart the part that faces any."""
+    result: FloatArray = np.zeros(scene.mesh.faces.shape)
+    for index, interface in enumerate(scene.interfaces):
+        if index in scene.nonmatching:
+            for surfaces in (scene.nonmatching[index], scene.nonmatching[index].reversed()):
+                np.maximum.at(result, tuple(surfaces.first.facets.T), (surfaces.faced_samples >= 0).mean(axis=1))
+        elif not isinstance(interface, RigidFace):
+            result[scene.contact_surfaces.on(index)] = 1.0
+    return result
 
 
 def _free_on_planes(scene: Scene) -> list[ModelWarning]:
