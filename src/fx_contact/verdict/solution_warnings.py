@@ -192,8 +192,8 @@ def _no_contact(state: SolvedState, rows: ConstraintRows) -> ModelWarning:
     place, largest, _ = _place_of_largest(rows.prolongation.comm, -distance, rows.position)
     gap = 0.0 - largest
     message = (
-        f"no node pair is closed: the bodies do not press each other; the smallest distance of points that face each other is "
-        f"{gap:.3g}, in units of the mesh, at {_shown(place)}"
+        "no node pair is closed: the bodies do not press each other; the smallest distance of points that face each "
+        f"other is {gap:.3g}, in units of the mesh, at {_shown(place)}"
     )
     return ModelWarning("no contact", gap, 0.0, place, message)
 
