@@ -1,10 +1,23 @@
-"""The model warning of kinks between root facets."""
+"""The model warning of kinks between root facets, and of an obstacle."""
 
 import numpy as np
 import pytest
 from conftest import everywhere
+from scipy.interpolate import RectBivariateSpline, RegularGridInterpolator
 
-from fx_contact import ContactPair, Material, RigidCylinder, Scene, SymmetryPlane, ring, root_mesh_from_shapes, solve
+from fx_contact import (
+    ContactPair,
+    Dirichlet,
+    Material,
+    RigidCylinder,
+    RigidSurface,
+    Scene,
+    SymmetryPlane,
+    block,
+    ring,
+    root_mesh_from_shapes,
+    solve,
+)
 from studies.nonmatching.kinks import exact, press_fit
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
@@ -41,3 +54,20 @@ def test_obstacle(order):
     shaft = ContactPair("ring inside", RigidCylinder((0, 0, 0), (0, 0, 1), 1.001))
     scene = Scene("shaft", root_mesh_from_shapes({"ring": shape}), {"ring": Material(1.0, 0.3)}, tuple(held), shaft)
     assert bool(kinks(solve(scene, 0.9, max_steps=1))) == (order == 2)
+
+
+@pytest.mark.parametrize("spacing, n", [(0.2, 4), (0.25, 4), (0.25, 3)])
+def test_a_scan(spacing, n):
+    """Of heights on a paraboloid, between and on the edges of facets: kinks of bilinear interpolation alone."""
+    at = spacing * np.arange(-6, 7)
+    heights = (at**2 + at[:, None] ** 2) / 8
+    linear, spline = RegularGridInterpolator((at, at), heights), RectBivariateSpline(at, at, heights)
+    mesh = root_mesh_from_shapes({"base": block((-1, -1, -1), (1, 1, 0), (n, n, 2), 1)})
+    for height, kinked in ((lambda x: linear(x[:2].T), True), (lambda x: spline.ev(x[0], x[1]), False)):
+        scan = RigidSurface(
+            lambda x, height=height: height(x) - x[2] - 0.01,
+            lambda x: np.multiply.outer([0.0, 0.0, -1.0], np.ones(len(x[0]))),
+        )
+        held, pair = Dirichlet("base bottom", 0, 0, 0), ContactPair("base top", scan)
+        found = kinks(solve(Scene("scan", mesh, {"base": Material(1.0, 0.3)}, held, pair), 0.3, max_steps=2))
+        assert bool(found) == kinked

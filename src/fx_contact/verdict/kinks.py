@@ -1,7 +1,9 @@
-"""Model warning of kinks between the root facets of a contact surface.
+"""Model warning of kinks in a contact surface: between root facets, and in a `RigidSurface`.
 
 Root cells of order q follow a curved surface but for O(h^(q+1)), and meet at angles alpha.  On a surface with other
-facets, or a smooth obstacle, they press like wedges, with pressures of about E* alpha / 8.
+facets, or a smooth obstacle, they press like wedges, with pressures of about E* alpha / 8.  The samples of an obstacle
+by linear interpolation press like cones, p = E* alpha / 4 arccosh(a / r), E* alpha / 2 at r = 0.27 a; their kinks are
+found by second differences of the gap.  Source of the latter: I. N. Sneddon, Int. J. Eng. Sci. 3, 1965.
 """
 
 import numpy as np
@@ -9,9 +11,11 @@ from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import ConstraintRows, RowKind
 from fx_contact.estimate.solved_state import SolvedState
+from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.geometry.root_facets import RootFacets
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.contact import SMOOTH
+from fx_contact.items.obstacles import RigidSurface
 from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
 from fx_contact.parallel.validation import percent
 from fx_contact.surfaces.nonmatching import EDGE_MIDDLES, edges_of
@@ -20,6 +24,13 @@ from fx_contact.verdict.model_warning import ModelWarning
 #: Limit of E* alpha / 8 over the largest pressure: of press fits the pressures at nodes are then off by up to 10 %
 #: (`studies.nonmatching.kinks`) [-].
 KINKS = 0.05
+#: Steps of a line across a leaf facet, in which kinks of an obstacle are found.
+_STEPS = 16
+#: Distances beyond a box, relative to its size, that are rounding.
+_ROUNDING = 1e-9
+#: Advice, for root cells and for obstacles.
+_FOR_CELLS = "take cells of order 4 or more (gmsh.model.mesh.setOrder(4)), smaller ones, or mesh both surfaces alike"
+_FOR_OBSTACLES = "interpolate it with continuous slopes, as by scipy.interpolate.RectBivariateSpline"
 
 
 def kinks(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
@@ -37,19 +48,50 @@ def _worst(state: SolvedState, rows: ConstraintRows, kind: RowKind) -> ModelWarn
     values = np.array([values.max(initial=0.0) for values in (stiffest, state.solution.pressure[ours])])
     forest.comm.Allreduce(MPI.IN_PLACE, values, op=MPI.MAX)
     modulus, largest = values
-    position, angle = _angles(mesh, np.argwhere(_pressed(state, rows, kind)))
-    wedge = modulus * angle / 8
-    if not len(wedge) or wedge.max() <= KINKS * largest:
+    roots, pressed = _pressed(state, rows, kind)
+    of_cells = _largest(*_angles(mesh, np.argwhere(roots)))
+    of_obstacle = 0.0, np.zeros(3)
+    if isinstance(contact.obstacle, RigidSurface):
+        surface = mesh.facet_points(mesh.surface(contact.surfaces[0])).reshape(-1, 3)
+        box = np.stack([surface.min(axis=0), surface.max(axis=0)])
+        found = _largest(*_slopes(pressed, contact.obstacle, box))
+        of_obstacle = max(forest.comm.allgather(found), key=lambda one: one[0])
+    (angle, position), part, what, advice = of_cells, 1 / 8, "root facets", _FOR_CELLS
+    if of_obstacle[0] / 2 > angle / 8:
+        (angle, position), part, what, advice = of_obstacle, 1 / 2, "planes of the obstacle", _FOR_OBSTACLES
+    wedge = modulus * angle * part
+    if wedge <= KINKS * largest:
         return None
-    worst = int(wedge.argmax())
-    x, y, z = map(float, position[worst])
+    x, y, z = map(float, position)
     message = (
-        f"at ({x:.4g}, {y:.4g}, {z:.4g}) root facets of {contact.label} meet at an angle of {angle[worst]:.2g} rad: "
-        f"pressures at nodes are off by about {percent(wedge[worst] / largest)} of the largest one, limit "
-        f"{percent(KINKS)}; take cells of order 4 or more (gmsh.model.mesh.setOrder(4)), smaller ones, or mesh both "
-        "surfaces alike"
+        f"at ({x:.4g}, {y:.4g}, {z:.4g}) {what} of {contact.label} meet at an angle of {angle:.2g} rad: pressures at "
+        f"nodes are off by about {percent(wedge / largest)} of the largest one, limit {percent(KINKS)}; {advice}"
     )
-    return ModelWarning("kinks", float(wedge[worst] / largest), KINKS, (x, y, z), message)
+    return ModelWarning("kinks", float(wedge / largest), KINKS, (x, y, z), message)
+
+
+def _largest(position: FloatArray, angle: FloatArray) -> tuple[float, FloatArray]:
+    """The largest of angles (k,), with its position, 0 of none."""
+    return (float(angle.max()), position[angle.argmax()]) if len(angle) else (0.0, np.zeros(3))
+
+
+def _slopes(facets: LeafFacets, obstacle: RigidSurface, box: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Middles (n, 3) [m] of leaf facets, and on each by how much the largest change of slope exceeds the mean one.
+
+    Lines end a step beyond facets, but in the box (2, 3) around the surface.
+    """
+    along, across = np.arange(-1, _STEPS + 2) / _STEPS, (np.arange(4) + 0.5) / 4
+    lines = np.stack(np.broadcast_arrays(along, across[:, None]), axis=-1)
+    lines = np.concatenate([lines, lines[..., ::-1]])
+    x = facets.at(lines.reshape(-1, 2)).position.reshape(len(facets), *lines.shape[:2], 3)
+    inside = np.clip(x, *box)
+    gap = obstacle.distances(inside.reshape(-1, 3))[0].reshape(x.shape[:-1])
+    slope = np.diff(gap, axis=2) / np.linalg.norm(np.diff(x, axis=2), axis=3)
+    beyond = np.abs(inside - x).max(axis=3) > _ROUNDING * np.ptp(box)
+    slope[beyond[:, :, 1:] | beyond[:, :, :-1]] = np.nan
+    change = np.abs(np.diff(slope, axis=2))
+    both = change[:, :, 1:] + change[:, :, :-1]  # of a kink inside a step
+    return x.mean(axis=(1, 2)), (np.nanmax(both, axis=2) - np.nanmean(both, axis=2)).max(axis=1)
 
 
 def _angles(mesh: RootMesh, facets: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -63,8 +105,11 @@ def _angles(mesh: RootMesh, facets: IntArray) -> tuple[FloatArray, FloatArray]:
     return middles.position.reshape(-1, 3)[one], np.where(1 - angle**2 / 2 > SMOOTH, angle, 0.0)
 
 
-def _pressed(state: SolvedState, rows: ConstraintRows, kind: RowKind) -> BoolArray:
-    """(ncells, 6), root facets of both surfaces where they press each other, on all ranks.  Collective."""
+def _pressed(state: SolvedState, rows: ConstraintRows, kind: RowKind) -> tuple[BoolArray, LeafFacets]:
+    """(ncells, 6), root facets of both surfaces where they press each other, of all ranks; leaf facets of the first.
+
+    Collective.
+    """
     forest, facing = state.forest, state.forest.facing.get(kind.index)
     leaf, face = kind.facets(forest) if facing is None else (facing.leaf, facing.face)
     pressure = rows.at_nodes(kind.index, state.solution.pressure[:, None])
@@ -76,4 +121,4 @@ def _pressed(state: SolvedState, rows: ConstraintRows, kind: RowKind) -> BoolArr
         there = two[presses[one]]
         marks[facing.second.cell[there], facing.second.face[there]] = True
     forest.comm.Allreduce(MPI.IN_PLACE, marks, op=MPI.LOR)
-    return marks
+    return marks, forest.facets(leaf[presses], face[presses])
