@@ -64,9 +64,11 @@ def test_report_of_a_step(reached, radius):
         "pair_errors": [0.03, None, None],
         "motions": {"c on rigid sphere": 0.125},
         "pair_alignments": [1, None, 1],
+        "pair_areas": [0.5, 0.0, 0.25],
     }
     pairs = (resultant("contact", name, 0.0, 0.0, 1.0) for name in ("a on b", "b on c", "c on rigid sphere"))
-    others = resultant("pressure", "top", 1e-9, -2.5, 0.001), resultant("balance", "a", 1e-9, 0.0, 0.0)
+    others = resultant("pressure", "top", 1e-9, -2.5, 0.001), resultant("symmetry", "side", 1e-9, 0.0, 0.0)
+    others += (resultant("balance", "a", 1e-9, 0.0, 0.0),)
     goal = GoalRecord("gap of 'a'", 0.5, 0.05, 0.1, 0.1, True)
     record = step_record(3, force=4.5, resultants=(*pairs, *others), goals=(goal,), **figures)
     text = Step.__repr__(SimpleNamespace(record=record))
@@ -75,8 +77,8 @@ def test_report_of_a_step(reached, radius):
         "  5,678 unknowns of degree 2, 99 hanging nodes\n"
         f"  estimated error 2.5%, tolerance 50%{'' if reached else ' not'} reached\n"
         f"  12 contact nodes closed, largest pressure 7.25{', contact radius 0.25' * reached}\n"
-        "  contact 'a on b': force 2.5, estimated error 3%\n  contact 'b on c': open\n"
-        "  contact 'c on rigid sphere': force 2, obstacle moved by 0.125\n"
+        "  contact 'a on b': force 2.5, estimated error 3%, area 0.5, mean pressure 5\n  contact 'b on c': open\n"
+        "  contact 'c on rigid sphere': force 2, area 0.25, mean pressure 8, obstacle moved by 0.125\n"
         "  pressure 'top': force (0, -2.5, 0.001)\n"
         "  gap of 'a': 0.5, estimated error 5%, tolerance 10% reached"
     )
@@ -93,6 +95,7 @@ def test_units_of_a_report():
         "max_pressure": 7.25,
         "contact_radius": 0.25,
         "pair_errors": [None],
+        "pair_areas": [0.5],
     }
     figures |= {"motions": {"top on rigid plane": 0.125}, "force": 2.5}
     forces = ("contact", "top on rigid plane"), ("reaction", "top")
@@ -100,9 +103,13 @@ def test_units_of_a_report():
     plain = step_record(0, **figures)
     named = replace(plain, units=("mm", "GPa"))
     text = Step.__repr__(SimpleNamespace(record=named))
-    for words in ("7.25 GPa, contact radius 0.25 mm", "force 2.5 kN, obstacle moved by 0.125 mm", "(0, 0, 2.5) kN"):
+    for words in (
+        "7.25 GPa, contact radius 0.25 mm",
+        "force 2.5 kN, area 0.5 mm², mean pressure 5 GPa, obstacle moved by 0.125 mm",
+        "(0, 0, 2.5) kN",
+    ):
         assert words in text
-    for unit in (" GPa", " mm", " kN"):
+    for unit in (" GPa", " mm²", " mm", " kN"):
         text = text.replace(unit, "")
     assert text == Step.__repr__(SimpleNamespace(record=plain))
     assert "units" not in plain.as_json() and StepRecord.from_json(json.loads(json.dumps(named.as_json()))) == named

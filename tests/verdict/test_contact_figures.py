@@ -17,6 +17,7 @@ pytestmark = pytest.mark.ranks(1, 2, 3)
 def test_radius(power, is_hertz, apart):
     """Forces of Hertz's pressure have its radius where the gap grows quadratically, or nearly so, however far apart."""
     found = of_quarter(np.linspace(0.025, 0.475, 10), lambda r: apart + 0.3 * r**power)
+    assert found.pair_areas == pytest.approx([np.pi * 0.5**2], rel=1e-6)
     assert found.active_pairs == 80 and found.force == pytest.approx(4 * 2 / 3 * np.pi / 4 * 0.25, rel=0.01)
     assert found.contact_radius == (pytest.approx(0.5, rel=0.01) if is_hertz else None)
     hollow = of_quarter(np.linspace(0.025, 0.475, 10), lambda r: apart - 0.3 * r**power)

@@ -206,7 +206,7 @@ def _lines(r: StepRecord) -> Iterator[str]:
     yield from _contacts(r)
     yield from _resultants(r)
     for name, ways in (r.free_motions or {}).items():
-        yield f"body {name!r} is free {ways}: left out of the displacement"
+        yield f"body {name!r} is free {ways}: no load moves it so"
     yield from map(str, r.goals)
     yield from map(str, r.doubts)
     yield from undirected(r)
@@ -221,6 +221,10 @@ def _contacts(r: StepRecord) -> Iterator[str]:
         shown = f"force {force:.6g}{_unit(r, 'force')}" if abs(force) > _ROUNDING * max(r.pair_forces) else "no force"
         line += shown if force else "open"
         line += "" if error is None else f", estimated error {percent(error)}"
+        area = r.pair_areas[index] if r.pair_areas else 0.0
+        if shown[0] == "f" and area:
+            area_unit, mean_unit = (_unit(r, quantity) for quantity in ("area", "stress"))
+            line += f", area {area:.3g}{area_unit}, mean pressure {force / area:.3g}{mean_unit}"
         yield line + ("" if moved is None else f", obstacle moved by {moved:.5g}{_unit(r, 'length')}")
 
 
@@ -231,6 +235,8 @@ def _resultants(r: StepRecord) -> Iterator[str]:
     digits = _DIGITS - 1 - int(np.floor(np.log10(largest))) if largest else 0
     for one in shown:
         motion = r.motions.get(one.name) if one.kind in ("tie", "rigid load") else None
+        if one.kind == "symmetry" and not np.round(one.force, digits).any():
+            continue
         vector = ", ".join(f"{round(value, digits) + 0.0:.{_DIGITS}g}" for value in one.force)
         part = " on the modelled part" if one.kind == "symmetry" else ""
         yield f"{one.kind} {one.name!r}: force ({vector}){_unit(r, 'force')}{part}{_moved(r, motion)}"

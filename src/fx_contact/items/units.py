@@ -46,7 +46,7 @@ def check_names_of_units(units: object) -> None:
 
 
 def unit_of(quantity: str, units: Units) -> str:
-    """Unit of a "length", "stress" or "force"; empty if it is not known, or for another quantity."""
+    """Unit of a "length", "area", "stress" or "force"; empty if it is not known, or for another quantity."""
     if units is None:
         return ""
     length, stress = units
@@ -54,7 +54,7 @@ def unit_of(quantity: str, units: Units) -> str:
     force = next(
         (name for known, name in _FORCES.items() if isclose(known, value, rel_tol=1e-3)), f"{stress} {length}²"
     )
-    return {"length": length, "stress": stress, "force": force}.get(quantity, "")
+    return {"length": length, "area": f"{length}²", "stress": stress, "force": force}.get(quantity, "")
 
 
 def labelled(text: str, quantity: str, units: Units) -> str:

@@ -46,6 +46,7 @@ class ContactFigures:
         pair_forces: normal contact force of each contact pair [N].
         pair_alignments: |sum f| / sum |f| of the forces f of each pair [-], 1 if they are parallel; None: the pair is
             open.
+        pair_areas: area of the closed rows of each pair, exact to about a facet along its edge [m^2].
         contact_centre: (3,) `Scene.contact_centre`, or the centroid of the contact forces; without forces the middle
             of the bodies [m].
         contact_radius: radius of Hertz's contact with the same second moments of the forces about `contact_centre` [m];
@@ -62,6 +63,7 @@ class ContactFigures:
     force: float
     pair_forces: list[float]
     pair_alignments: list[float | None] | None = None
+    pair_areas: list[float] | None = None
     contact_centre: list[float] | None = None
     contact_radius: float | None
     max_pressure: float
@@ -107,6 +109,7 @@ def figures_of_contact(
         pair_alignments=[
             float(np.linalg.norm(vector) / length) if length else None for vector, length in zip(vectors, lengths)
         ],
+        pair_areas=list(map(float, sums[:, 9] * scene.symmetry)),
         contact_centre=list(map(float, centre)),
         contact_radius=radius if is_round or not total else None,
         max_pressure=largest,
