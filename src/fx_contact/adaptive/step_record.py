@@ -221,11 +221,11 @@ def _contacts(r: StepRecord) -> Iterator[str]:
         shown = f"force {force:.6g}{_unit(r, 'force')}" if abs(force) > _ROUNDING * max(r.pair_forces) else "no force"
         line += shown if force else "open"
         line += "" if error is None else f", estimated error {percent(error)}"
-        area = r.pair_areas[index] if r.pair_areas else 0.0
-        if shown[0] == "f" and area:
-            area_unit, mean_unit = (_unit(r, quantity) for quantity in ("area", "stress"))
-            line += f", area {area:.3g}{area_unit}, mean pressure {force / area:.3g}{mean_unit}"
         yield line + ("" if moved is None else f", obstacle moved by {moved:.5g}{_unit(r, 'length')}")
+        area = r.pair_areas[index] if r.pair_areas else 0.0
+        if area and shown[0] == "f":
+            mean = f"mean pressure {force / area:.3g}{_unit(r, 'stress')}"
+            yield f"  area {area:.3g}{_unit(r, 'area')}, {mean}"
 
 
 def _resultants(r: StepRecord) -> Iterator[str]:

@@ -34,7 +34,7 @@ _FOR_OBSTACLES = "interpolate it with continuous slopes, as by scipy.interpolate
 
 
 def kinks(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
-    """A warning for each contact, at its largest kink between pressed root facets.  Collective."""
+    """A warning for each contact, at its largest kink at pressed root facets.  Collective."""
     found = (_worst(state, rows, kind) for kind in rows.kinds)
     return [warning for warning in found if warning is not None]
 
@@ -49,7 +49,7 @@ def _worst(state: SolvedState, rows: ConstraintRows, kind: RowKind) -> ModelWarn
     forest.comm.Allreduce(MPI.IN_PLACE, values, op=MPI.MAX)
     modulus, largest = values
     roots, pressed = _pressed(state, rows, kind)
-    of_cells = _largest(*_angles(mesh, np.argwhere(roots)))
+    of_cells = _largest(*_angles(mesh, np.argwhere(forest.contact_surfaces.on(kind.index)), roots))
     of_obstacle = 0.0, np.zeros(3)
     if isinstance(contact.obstacle, RigidSurface):
         surface = mesh.facet_points(mesh.surface(contact.surfaces[0])).reshape(-1, 3)
@@ -94,13 +94,16 @@ def _slopes(facets: LeafFacets, obstacle: RigidSurface, box: FloatArray) -> tupl
     return x.mean(axis=(1, 2)), (np.nanmax(both, axis=2) - np.nanmean(both, axis=2)).max(axis=1)
 
 
-def _angles(mesh: RootMesh, facets: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Middles (k, 3) [m] of the edges between two of these facets (n, 2), angles (k,), 0 at sharp edges.  Local."""
+def _angles(mesh: RootMesh, facets: IntArray, pressed: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Middles (k, 3) [m] of the edges between two facets (n, 2), one of them pressed, and angles (k,).  Local.
+
+    The angle is 0 at sharp edges.
+    """
     edge, middles = edges_of(mesh, facets).ravel(), RootFacets(mesh, facets).at(np.arange(len(facets)), EDGE_MIDDLES)
-    order = np.argsort(edge, kind="stable")
-    shared = edge[order[:-1]] == edge[order[1:]]
-    one, two = order[:-1][shared], order[1:][shared]
-    normal = middles.normal.reshape(-1, 3)
+    order, presses = np.argsort(edge, kind="stable"), np.repeat(pressed[tuple(facets.T)], 4)
+    one, two = order[:-1], order[1:]
+    some = (edge[one] == edge[two]) & (presses[one] | presses[two])
+    one, two, normal = one[some], two[some], middles.normal.reshape(-1, 3)
     angle = np.linalg.norm(normal[one] - normal[two], axis=1)
     return middles.position.reshape(-1, 3)[one], np.where(1 - angle**2 / 2 > SMOOTH, angle, 0.0)
 
