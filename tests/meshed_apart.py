@@ -34,7 +34,9 @@ def hollow_ball(cells, inner, outer, order):
         return radius * u, radius * v, radius
 
     part = block((0, 0, 0), (1, 1, 1), (cells, cells, 1), order).placed(sixth)
-    return join(*(part.turned("y", angle) for angle in (0, 90, 180, 270)), part.turned("x", 90), part.turned("x", -90))
+    return join(
+        *(part.turned("y", angle) for angle in (0, 90, 180, 270)), part.turned("x", 90), part.turned("x", -90)
+    )
 
 
 class Side:

@@ -163,7 +163,10 @@ def pressed(mesh, approach=0.02, materials=(STEEL, RUBBER), contact=True, direct
         name="two boxes",
         mesh=mesh,
         materials=dict(zip(("lower", "upper"), materials)),
-        dirichlet=(Dirichlet("lower z low", x=0.0, y=0.0, z=0.0), Dirichlet("upper z high", x=0.0, y=0.0, z=-approach)),
+        dirichlet=(
+            Dirichlet("lower z low", x=0.0, y=0.0, z=0.0),
+            Dirichlet("upper z high", x=0.0, y=0.0, z=-approach),
+        ),
         contact=(ContactPair("lower contact", "upper contact", direction=direction),) if contact else (),
     )
 
@@ -293,7 +296,9 @@ def gathered_prolongation(prolongation):
     mean = total.multiply(1 / copies[:, None]).tocsr()
     mine = coo_matrix((local.data, (row, column)), shape).tocsr()
     here = np.unique(np.searchsorted(rows, prolongation.space.keys))
-    everywhere(abs(mine[here] - mean[here]).max() < 1e-15 if len(here) else True, "ranks disagree on a row of P", comm)
+    everywhere(
+        abs(mine[here] - mean[here]).max() < 1e-15 if len(here) else True, "ranks disagree on a row of P", comm
+    )
     return mean, rows, columns
 
 

@@ -247,7 +247,9 @@ def test_damaged(scene, folder, spoil, words):
     """What is wrong with a checkpoint is said on all ranks."""
     next(adapt(scene, 0.25, checkpoint=folder))
     alone(lambda: spoil(folder / NAME))
-    assert words in caught(CheckpointError, lambda: list(adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD))))
+    assert words in caught(
+        CheckpointError, lambda: list(adapt(scene, 0.25, restart=Checkpoint(folder, scene, WORLD)))
+    )
 
 
 @pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo, lambda path: path.write_text("mine")])
@@ -271,7 +273,10 @@ def test_belongs_to_another_problem(scene, folder):
     soft = {name: Material(0.5, 0.3) for name in scene.materials}
     for changed, words in (
         (replace(scene, materials=soft), "materials ({"),
-        (replace(scene, contact_centre=(0.0, 0.0, 0.1)), "symmetry ([4, 0.0, 0.0, 0.0] then, [4, 0.0, 0.0, 0.1] now)"),
+        (
+            replace(scene, contact_centre=(0.0, 0.0, 0.1)),
+            "symmetry ([4, 0.0, 0.0, 0.0] then, [4, 0.0, 0.0, 0.1] now)",
+        ),
         (hertz(order=2, coarse=3), "root mesh"),
     ):
         message = caught(CheckpointError, lambda: Checkpoint(folder, changed, WORLD))

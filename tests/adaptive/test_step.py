@@ -90,7 +90,9 @@ def test_measure_of_a_surface(step):
 
 def test_measure_of_a_curved_surface():
     """The Gauss rule follows the order of the geometry: quarters of a cylinder."""
-    step = solve(shrink_fit(radii=(0.5, 1.0, 1.5), height=0.25, interference=0.01), 0.9, max_steps=1, geometry_order=3)
+    step = solve(
+        shrink_fit(radii=(0.5, 1.0, 1.5), height=0.25, interference=0.01), 0.9, max_steps=1, geometry_order=3
+    )
     for name, radius in (("bore", 0.5), ("shaft", 1.005), ("hub", 0.995)):
         area = integral(fem.Constant(step.mesh, 1.0) * step.ds(name))
         assert abs(area / (np.pi / 2 * radius * 0.25) - 1) < 1e-5, name
@@ -101,7 +103,8 @@ def test_gauss_rule_of_a_curved_surface():
     step = solve(hertz(order=3, coarse=2, displacement=0.1), 0.9, max_steps=1, geometry_order=3)
     v, n, ds = ufl.TestFunction(step.displacement.function_space), ufl.FacetNormal(step.mesh), step.ds("upper pole")
     exact, own, rough = (
-        fem.assemble_vector(fem.form(ufl.inner(n, v) * measure)).array for measure in (ds(degree=12), ds, ds(degree=3))
+        fem.assemble_vector(fem.form(ufl.inner(n, v) * measure)).array
+        for measure in (ds(degree=12), ds, ds(degree=3))
     )
     off = [WORLD.allreduce(np.abs(load - exact).max(initial=0.0), op=MPI.MAX) for load in (own, rough)]
     assert off[0] < 1e-14 and off[1] > 1e-6

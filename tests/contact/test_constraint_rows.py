@@ -118,7 +118,9 @@ def test_rows_of_four_vertices(distribution):
     rows = mixed(pairs)
     one, other = (solved(elasticity, some, supports) for some in (pairs, rows))
     everywhere(one.active.all() and other.active.all(), "a row that is open")
-    unlike = bool(len(pairs)) and np.ptp(one.force / other.force) > 0.01  # a rank with one row has none to mix it with
+    unlike = (
+        bool(len(pairs)) and np.ptp(one.force / other.force) > 0.01
+    )  # a rank with one row has none to mix it with
     assert WORLD.allreduce(bool(unlike), op=MPI.LOR), "rows that are not mixed"
     # Rounding is that of all ranks: it does not depend on their number, though some have nothing.
     alone = solved(*with_rows(scene, roots(scene, MPI.COMM_SELF)))

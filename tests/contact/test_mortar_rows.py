@@ -34,7 +34,9 @@ from fx_contact.scenes import hertz
 SIDES = ("left", "front", "right", "back", "bottom", "top")
 
 
-def boxes(upper, lower, tilt=(0.0, 0.0), twist=0.0, moduli=(1.0, 1.0), order=("upper bottom", "lower top"), **options):
+def boxes(
+    upper, lower, tilt=(0.0, 0.0), twist=0.0, moduli=(1.0, 1.0), order=("upper bottom", "lower top"), **options
+):
     """Two unit cubes with cells (x, y) under hydrostatic pressure, the upper one's mesh twisted, on a tilted plane."""
 
     def place(x):
@@ -241,7 +243,9 @@ def disk_in_ring(disk, outer):
         materials={body: Material(1e9, 0.2) for body in bodies},
         dirichlet=(SymmetryPlane("x = 0"), SymmetryPlane("y = 0"), Dirichlet("ends", z=0.0)),
         contact=(ContactPair("disk outside", "ring inside"),),
-        tractions=(Pressure("ring outside", lambda x: 1e7 + 1e6 * (x[0] ** 2 - x[1] ** 2) / (x[0] ** 2 + x[1] ** 2)),),
+        tractions=(
+            Pressure("ring outside", lambda x: 1e7 + 1e6 * (x[0] ** 2 - x[1] ** 2) / (x[0] ** 2 + x[1] ** 2)),
+        ),
     )
 
 
@@ -334,7 +338,8 @@ def test_two_contacts_along_one_normal():
         name="two bodies below one",
         mesh=mesh,
         materials=dict.fromkeys(mesh.bodies, Material(1.0, 0.3)),
-        dirichlet=tuple(Dirichlet(f"{body} bottom", 0, 0, 0) for body in low) + (Dirichlet("upper top", 0, 0, -0.01),),
+        dirichlet=tuple(Dirichlet(f"{body} bottom", 0, 0, 0) for body in low)
+        + (Dirichlet("upper top", 0, 0, -0.01),),
         contact=(ContactPair("upper one", "left top"), ContactPair("upper two", "right top")),
     )
     rows = create_rows(scene, Prolongation(Space(Beginning.uniform(scene, 0, WORLD).forest, 1)), Enforcement())

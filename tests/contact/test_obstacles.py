@@ -426,7 +426,9 @@ def test_two_obstacles_on_one_facet():
         forces.append([one.force for one in step.last_step().record.resultants if one.kind == "contact"])
     (_, y, z), (_, other, same) = forces[0]
     assert (
-        np.allclose(*forces, rtol=1e-8, atol=1e-8 * abs(z)) and y == pytest.approx(-other) and z == pytest.approx(same)
+        np.allclose(*forces, rtol=1e-8, atol=1e-8 * abs(z))
+        and y == pytest.approx(-other)
+        and z == pytest.approx(same)
     )
     assert abs(y) == pytest.approx(abs(z)) and z < 0
     with pytest.raises(SceneError, match="two contacts have the name .*: name a surface anew"):

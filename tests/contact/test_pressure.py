@@ -133,7 +133,9 @@ def test_a_jump_of_the_pressure(bonded):
             "bars hard",
         )
     lid = RigidPlane((0, 0, 1), (0, 0, -1))
-    held = [Dirichlet(f"{name} bottom", z=0.0) for name in shapes] + [SymmetryPlane(f"{name} front") for name in shapes]
+    held = [Dirichlet(f"{name} bottom", z=0.0) for name in shapes] + [
+        SymmetryPlane(f"{name} front") for name in shapes
+    ]
     pairs = tuple(ContactPair(f"{name} top", lid, moved=(0, 0, -0.01)) for name in shapes)
     materials = dict(zip(names, (Material(1.0, 0.0), Material(3.0, 0.0))))
     step = solve(Scene("bars", root_mesh_from_shapes(shapes), materials, tuple(held), pairs), 0.5, max_steps=2)

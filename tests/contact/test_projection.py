@@ -5,7 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import DISTRIBUTIONS, corner_scene, gathered, grown, pressed, roots, scramble, two_boxes, with_rows
+from model_problems import (
+    DISTRIBUTIONS,
+    corner_scene,
+    gathered,
+    grown,
+    pressed,
+    roots,
+    scramble,
+    two_boxes,
+    with_rows,
+)
 
 from fx_contact import ContactPair, Dirichlet, Material, Scene, Tie, block, join, root_mesh_from_shapes, solve
 from fx_contact.contact.gram import Gram
@@ -57,7 +67,9 @@ def test_projection(contact, distribution, patience, monkeypatch):
     held = ~supports.free
     everywhere((projected[held] == x[held]).all(), "a prescribed displacement is changed")
     closed = projection.onto_closed(x)
-    everywhere(np.abs(jump.matrix.times(closed) - jump.gap)[projection.closed].max(initial=0) < 1e-12, "a gap is left")
+    everywhere(
+        np.abs(jump.matrix.times(closed) - jump.gap)[projection.closed].max(initial=0) < 1e-12, "a gap is left"
+    )
 
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))

@@ -128,7 +128,9 @@ def test_half_model():
     assert resultant(step, "bar top")[0][:3] == pytest.approx((0, 0.02, 0.1), abs=1e-8)
     lever = np.array([0.0, 0.0, 1e5 - LENGTH])
     moment = np.array(load.moment) - np.cross(lever, load.force)
-    far = solve(replace(half, rigid_loads=RigidLoad("bar top", load.force, moment, (0.0, 0.0, 1e5))), 0.3, max_steps=1)
+    far = solve(
+        replace(half, rigid_loads=RigidLoad("bar top", load.force, moment, (0.0, 0.0, 1e5))), 0.3, max_steps=1
+    )
     assert far.record.motions["bar top"][3:] == pytest.approx(step.record.motions["bar top"][3:], rel=1e-6, abs=1e-9)
     rollers = replace(half, dirichlet=(held[0], Dirichlet("bar left", x=0.0)))
     other = solve(rollers, 0.3, solver=EXACT, max_steps=1)

@@ -90,7 +90,9 @@ def test_oblique_direction():
     assert np.abs(found.apart[:, 2] + 0.5).max() < 1e-15
     assert (
         np.abs(
-            found.position + found.apart - second.facets[pairs[found.pair, 1]].at(found.second[:, None]).position[:, 0]
+            found.position
+            + found.apart
+            - second.facets[pairs[found.pair, 1]].at(found.second[:, None]).position[:, 0]
         ).max()
         < 1e-15
     )
@@ -100,7 +102,8 @@ def test_facets_that_do_not_face():
     """No points on facets that look the same way, are perpendicular, apart, touch, or lie too far behind."""
     first = Side.of(block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1), 2, "bottom").facets
     lower = {
-        side: Side.of(block((0, 0, -1), (1, 1, 0), (1, 1, 1), 1), 2, side).facets for side in ("top", "bottom", "left")
+        side: Side.of(block((0, 0, -1), (1, 1, 0), (1, 1, 1), 1), 2, side).facets
+        for side in ("top", "bottom", "left")
     }
     assert abs(collected(first, lower["top"], 2, 0.1).weight.sum() - 1) < 1e-15
     for name in ("bottom", "left"):
@@ -113,7 +116,8 @@ def test_facets_that_do_not_face():
     found = collected(first, inside, 2, 0.4)
     assert np.abs(found.apart - [0, 0, 0.3]).max() < 1e-15
     assert (
-        np.abs(found.first_normal - [0, 0, -1]).max() < 1e-15 and np.abs(found.second_normal - [0, 0, 1]).max() < 1e-15
+        np.abs(found.first_normal - [0, 0, -1]).max() < 1e-15
+        and np.abs(found.second_normal - [0, 0, 1]).max() < 1e-15
     )
 
 

@@ -112,7 +112,9 @@ def test_uniform_strain(degree, counts, refined):
     for held in (["b bottom"], ["a left", "b left", "a front", "b front"]):
         scene = strained(mesh, ties, held)
         assert bool(scene.pairing.nonmatching) == (counts[0] != counts[1])
-        step = next(adapt(scene, 0.9, degree=degree, solver=TIGHT, beginning=refined_around(scene, (0, 0, 1), refined)))
+        step = next(
+            adapt(scene, 0.9, degree=degree, solver=TIGHT, beginning=refined_around(scene, (0, 0, 1), refined))
+        )
         assert (step.record.hanging_nodes > 0) == bool(refined)
         assert off(step, positions(step) @ STRAIN) < 1e-10
         assert step.record.active_pairs == 0 and step.rows is None and step.record.doubts == []

@@ -51,7 +51,9 @@ def pressed(**ball):
 def test_forces(degree, most):
     """Of the ball as prescribed, all in equilibrium, and on the tie; the same as on one rank."""
     scene, goal = pressed(force=(0.0, 0.0, -FORCE)), Displacement((0.0, 0.0, 1.5), (0, 0, 1), 0.1)
-    runs = [list(adapt(scene, 0.3, comm, degree=degree, max_steps=2, goals=(goal,))) for comm in (WORLD, MPI.COMM_SELF)]
+    runs = [
+        list(adapt(scene, 0.3, comm, degree=degree, max_steps=2, goals=(goal,))) for comm in (WORLD, MPI.COMM_SELF)
+    ]
     for here, alone in zip(*runs, strict=True):
         everywhere(np.array_equal(leaves(here.forest), leaves(alone.forest)), "other leaves")
         ball, wall = here.record.pair_forces

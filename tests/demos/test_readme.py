@@ -77,7 +77,9 @@ SMALLER = (
 #: Studies that take minutes even in their smallest form, demos that differ in their options, tests;
 #: `test_notebooks` executes the notebooks.
 LONG = r"studies\.partition\.|studies\.(work_precision|incompressible)\.run|studies\.cost\."
-LONG += r"|studies\.stability\.(without|iterations|friction)|studies\.goals\.(forces|rigid_twins|pressures|load_steps)"
+LONG += (
+    r"|studies\.stability\.(without|iterations|friction)|studies\.goals\.(forces|rigid_twins|pressures|load_steps)"
+)
 LONG += r"|studies\.effectivity\.(stress|first_mesh|hertz_truth|friction)|studies\.(nonmatching|layers)"
 LONG += r"|notebooks/execute\.py|-m pytest|demos/.*--(degree|symmetry|order|partition|enforcement)"
 #: Programs that read their command line with argparse, and a module or file and the words after it.
@@ -362,7 +364,9 @@ def test_citation():
 
 def test_the_test_can_fail():
     """Unknown commands are noticed; comments, prose and file names are no commands; all is found."""
-    page = "Use `demos/hertz.py`, or `demos/hertz.py --order 6`.\n```sh\n./with-dolfinx rm -rf x   # no\n\n```\n`a = 1`"
+    page = (
+        "Use `demos/hertz.py`, or `demos/hertz.py --order 6`.\n```sh\n./with-dolfinx rm -rf x   # no\n\n```\n`a = 1`"
+    )
     assert commands(page) == ["./with-dolfinx rm -rf x", "demos/hertz.py --order 6"]
     for unknown in ("./with-dolfinx rm -rf x", "mpirun -n 2 python3 demos/none.py"):
         with pytest.raises(LookupError):

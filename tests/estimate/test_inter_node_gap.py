@@ -64,7 +64,9 @@ def test_a_rim_that_touches_between_nodes(degree, start):
     assert degree == 2 or records[1].force > 0
 
 
-@pytest.mark.parametrize("degree, cells, pole, depth, radius", [(1, 3, 0.137, 2e-5, 4.0), (2, 2, 0.1141, 6e-5, 2.438)])
+@pytest.mark.parametrize(
+    "degree, cells, pole, depth, radius", [(1, 3, 0.137, 2e-5, 4.0), (2, 2, 0.1141, 6e-5, 2.438)]
+)
 def test_a_touch_between_nodes(degree, cells, pole, depth, radius):
     """An overlap that is little of what the gap varies by on its facet is not missed; the force is Hertz's."""
     *_, last = adapt(bump(cells, pole, depth, radius), 0.25, degree=degree)

@@ -115,7 +115,9 @@ def test_an_error_is_corrected_by_the_effectivity(theta, marked, monkeypatch):
 
 def test_local_errors_add_to_that_of_the_mean(monkeypatch):
     """Of 2 Pa, 0.2 may be wrong; 0.04 of the mean and up to 0.9 of nodes, of which 0.1 (by 0.5) is aimed at."""
-    state = SimpleNamespace(forest=Leaves(4), elasticity=SimpleNamespace(leaf_mesh=SimpleNamespace(leaf=np.arange(4))))
+    state = SimpleNamespace(
+        forest=Leaves(4), elasticity=SimpleNamespace(leaf_mesh=SimpleNamespace(leaf=np.arange(4)))
+    )
     state.rows = state.forest
     found = SimpleNamespace(dual=SimpleNamespace(child_error=1 / 32), error=np.zeros(4), total=0.04)
     last = WORLD.rank == WORLD.size - 1
@@ -243,7 +245,9 @@ def test_same_on_any_number_of_ranks():
         point,
     )
     options = {"degree": 1, "goals": goals, "partition_kind": "sfc", "solver": EXACT}
-    alone, together = (solve(hertz(order=2, coarse=2), 0.6, comm, **options).record for comm in (MPI.COMM_SELF, WORLD))
+    alone, together = (
+        solve(hertz(order=2, coarse=2), 0.6, comm, **options).record for comm in (MPI.COMM_SELF, WORLD)
+    )
     assert alone.step == together.step > 0 and alone.cells == together.cells
     for one, other in zip(alone.goals, together.goals):
         assert one.error and one.reached and other.reached

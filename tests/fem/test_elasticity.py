@@ -197,7 +197,9 @@ def test_hypre_copy_follows_the_blocks(distribution):
     x, expected = mat.createVecs()
     found = expected.duplicate()
     x.array[:] = np.sin(scramble(np.arange(*mat.getOwnershipRange()), 5).astype(float))
-    active = scramble(pairs.prolongation.index_map.local_to_global(pairs.first.astype(np.int32)), 4) % np.uint64(2) == 0
+    active = (
+        scramble(pairs.prolongation.index_map.local_to_global(pairs.first.astype(np.int32)), 4) % np.uint64(2) == 0
+    )
     term = PenaltyTerm(jump, pairs.stiffness)
     for change in (0.0 * active, 1.0 * active, 1.0 - 2.0 * active):
         reference = expected.copy()

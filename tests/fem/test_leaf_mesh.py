@@ -8,7 +8,17 @@ import ufl
 from conftest import WORLD, everywhere
 from dolfinx.fem import Constant, assemble_scalar, form
 from dolfinx.mesh import exterior_facet_indices
-from model_problems import DISTRIBUTIONS, gathered, grown, pressed, roots, shortest, two_boxes, vertex_positions, whole
+from model_problems import (
+    DISTRIBUTIONS,
+    gathered,
+    grown,
+    pressed,
+    roots,
+    shortest,
+    two_boxes,
+    vertex_positions,
+    whole,
+)
 from mpi4py import MPI
 
 from fx_contact.fem.leaf_mesh import create_leaf_mesh, sufficient_order

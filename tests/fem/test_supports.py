@@ -85,7 +85,9 @@ def test_matrix_of_what_is_free(problem, degree):
     equal(times(matrix, u), np.where(free, expected, diagonal * u))
     moved = find_supports(scene, forest, elasticity.prolongation)
     moved.prescribed += noise(position)
-    equal(supports.free_part(elasticity.stiffness(supports=moved).held), supports.free_part(times(whole, moved.values)))
+    equal(
+        supports.free_part(elasticity.stiffness(supports=moved).held), supports.free_part(times(whole, moved.values))
+    )
     across = np.where(free, u - supports.tangential(u), 0.0)
     supports.add_normal_part(matrix, matrix.getDiagonal().array.reshape(-1, 3))
     held = times(matrix, across)

@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
-from model_problems import chosen, corner_scene, find_leaves, gathered, grown, leaves, pressed, roots, strewn, two_boxes
+from model_problems import (
+    chosen,
+    corner_scene,
+    find_leaves,
+    gathered,
+    grown,
+    leaves,
+    pressed,
+    roots,
+    strewn,
+    two_boxes,
+)
 from mpi4py import MPI
 
 from fx_contact import Solver, adapt

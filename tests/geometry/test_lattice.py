@@ -8,7 +8,15 @@ from conftest import WORLD
 from model_problems import corner_scene, pressed, rotations, scramble, turned, two_boxes
 
 from fx_contact.geometry import hexahedron
-from fx_contact.geometry.lattice import MAX_LEVEL, SIDE, Lattice, edge_midpoints, face_centres, leaf_corners, part_faces
+from fx_contact.geometry.lattice import (
+    MAX_LEVEL,
+    SIDE,
+    Lattice,
+    edge_midpoints,
+    face_centres,
+    leaf_corners,
+    part_faces,
+)
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.parallel.errors import GeometryError
 

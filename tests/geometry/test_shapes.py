@@ -247,7 +247,11 @@ CUBE = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)
         (lambda: join(3), SceneError, "what is joined must be a tuple of Shape, got 3"),
         (lambda: join(CUBE, ball(1, 1)), GeometryError, "one order"),
         (lambda: root_mesh_from_shapes({"a": CUBE, "b": ball(1, 1)}), GeometryError, "one order"),
-        (lambda: root_mesh_from_shapes([CUBE]), GeometryError, "bodies must be a dict of at least one name and Shape"),
+        (
+            lambda: root_mesh_from_shapes([CUBE]),
+            GeometryError,
+            "bodies must be a dict of at least one name and Shape",
+        ),
         (lambda: root_mesh_from_shapes({"a": CUBE}, ["x"]), SceneError, "surfaces must be a dict by name, got ['x']"),
         (
             lambda: root_mesh_from_shapes({"a": CUBE}, {"x": 3}),

@@ -114,7 +114,9 @@ def test_balls_in_a_box():
     scene = box()
     begin = Beginning.uniform(scene, 1, WORLD)
     record = solve(scene, 0.5, beginning=begin, max_steps=1, control=ErrorControl("energy")).record
-    assert len(record.free_motions) == 8 and all("about x and about y" in ways for ways in record.free_motions.values())
+    assert len(record.free_motions) == 8 and all(
+        "about x and about y" in ways for ways in record.free_motions.values()
+    )
     forces = zip((pair.name for pair in scene.contact), record.pair_forces)
     down = [force for name, force in forces if "z on rigid" in name]
     assert down == pytest.approx([down[0]] * 8, rel=1e-6) and down[0] > 0.5
@@ -172,7 +174,9 @@ def test_a_ball_between_nodes(angle, weight, degree):
 def test_a_plate_that_rocks():
     """On two of four points below a central load, not where the load beside it closes a third."""
     mesh = root_mesh_from_shapes({"plate": block((0, 0, 0), (3, 3, 1), (3, 3, 1), 1)})
-    names = {f"at {x} {y}": RigidSphere((x, y, -0.1 - gap), 0.1) for x, y, gap in ((0, 0, 0), (3, 3, 0), (0, 3, 1e-3))}
+    names = {
+        f"at {x} {y}": RigidSphere((x, y, -0.1 - gap), 0.1) for x, y, gap in ((0, 0, 0), (3, 3, 0), (0, 3, 1e-3))
+    }
     mesh = replace(mesh, surfaces=mesh.surfaces | {name: mesh.surface("plate bottom") for name in names})
     contacts = tuple(ContactPair(name, sphere) for name, sphere in names.items())
     weight = BodyForce("plate", (0, 0, -1e-3))

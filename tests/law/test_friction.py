@@ -101,13 +101,17 @@ def test_onset_of_sliding(kind):
 
 def test_a_bound_of_tresca():
     """Where all slip, the tangential force is the bound times the area, whatever the pressure."""
-    step = next(adapt(pushed("obstacle", Tresca(1e-3), (0.1, 0.0), 0.0), 0.9, allow=("large strain", "large rotation")))
+    step = next(
+        adapt(pushed("obstacle", Tresca(1e-3), (0.1, 0.0), 0.0), 0.9, allow=("large strain", "large rotation"))
+    )
     assert contact_force(step)[0] == pytest.approx(1e-3, rel=1e-8)
 
 
 def test_a_bound_of_tresca_above_the_pressure():
     """Tractions are at most the pressure: the forces along and across are equal where all slip."""
-    step = next(adapt(pushed("obstacle", Tresca(1.0), (0.1, 0.0), 0.0), 0.9, allow=("large strain", "large rotation")))
+    step = next(
+        adapt(pushed("obstacle", Tresca(1.0), (0.1, 0.0), 0.0), 0.9, allow=("large strain", "large rotation"))
+    )
     assert total(np.linalg.norm(forces(step), axis=1)) == pytest.approx(-contact_force(step)[2], rel=1e-6)
 
 

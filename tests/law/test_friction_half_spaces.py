@@ -68,7 +68,9 @@ def round_bodies(x, y, z, poisson, length=None):
         "upper": block((-nx, 0, 0), (nx, ny, nz), (2 * nx, ny, nz), 2).placed(placed(1)),
     }
     mesh = root_mesh_from_shapes(bodies)
-    planes = [SymmetryPlane(f"{body} {side}") for body in bodies for side in ("front", "back")[: 2 if y is None else 1]]
+    planes = [
+        SymmetryPlane(f"{body} {side}") for body in bodies for side in ("front", "back")[: 2 if y is None else 1]
+    ]
     pair = ContactPair("lower top", "upper bottom", direction=(0, 0, 1), friction=MU)
 
     def scene(press, shift):

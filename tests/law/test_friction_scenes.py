@@ -118,7 +118,9 @@ def turning(stage, upper):
     bodies = {"base": block((0, 0, -1), (1, 1, 0), lower, 1), "cube": block((0, 0, 0), (1, 1, 1), upper, 1)}
     motion = RigidMotion("cube top", (x, y, -1e-2), (0.0, 0.0, twist), (0.5, 0.5, 1.0))
     materials = {"base": Material(1.0, 0.3), "cube": Material(10.0, 0.3)}
-    held, pair = (Dirichlet("base bottom", 0.0, 0.0, 0.0), motion), ContactPair("base top", "cube bottom", friction=MU)
+    held, pair = (Dirichlet("base bottom", 0.0, 0.0, 0.0), motion), ContactPair(
+        "base top", "cube bottom", friction=MU
+    )
     return Scene("turning", root_mesh_from_shapes(bodies), materials, held, pair)
 
 
@@ -172,7 +174,9 @@ def test_a_body_in_a_bevelled_corner(friction):
         assert normal > 0 and (0 < shear <= mu * normal * (1 + SOLVED) if mu else shear < SOLVED * normal)
 
 
-APART = pytest.mark.xfail(raises=SolveError, strict=True, reason="rows beside the edge of surfaces meshed apart cycle")
+APART = pytest.mark.xfail(
+    raises=SolveError, strict=True, reason="rows beside the edge of surfaces meshed apart cycle"
+)
 
 
 @pytest.mark.parametrize("cells", [(1, 2, 1), pytest.param((2, 3, 3), marks=APART)], ids=["pairs", "mortar"])

@@ -102,7 +102,9 @@ def test_press_fit_below_and_beyond_sliding(angle):
     check_law(step)
     assert step.record.force == pytest.approx(PULL / MU, rel=ROUND)
     carried = resultant(step)
-    assert (carried.force[2], carried.moment[2] / JOINT) == pytest.approx(tuple(PULL * direction), abs=6 * ROUND * PULL)
+    assert (carried.force[2], carried.moment[2] / JOINT) == pytest.approx(
+        tuple(PULL * direction), abs=6 * ROUND * PULL
+    )
     with pytest.raises(SolveError):
         loaded((1 + 5 * ROUND) * direction)
 

@@ -333,7 +333,10 @@ CASES = {
         (lambda: gmsh_box(extra=True), "in no physical group"),
         (lambda: draw_pressure(first(unpaired()), "p.png"), "the scene 'cubes' has no contact pairs"),
         (lambda: draw_mesh(first(), "m.png", zoom="x"), "zoom of a picture must be"),
-        (lambda: draw_bodies(first(), "b.png", factor="a"), "the factor of the displacements must be a finite number"),
+        (
+            lambda: draw_bodies(first(), "b.png", factor="a"),
+            "the factor of the displacements must be a finite number",
+        ),
         (lambda: draw_bodies(first(), "b.png", apart=np.nan), "the distance apart must be a finite number, got nan"),
         (lambda: draw_pressure(first(), "p.png", 3), "exact solution must be a Hertz or ContactReference, got 3"),
         (lambda: contact_errors(first(), 3), "the reference must be a ContactReference, got 3"),

@@ -111,7 +111,9 @@ def test_copies_that_planes_make(count, symmetry):
     """A zero displacement along the normal alone of a plane surface makes copies as a SymmetryPlane does."""
     cube = block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)
     sides = {"x": "cube left", "y": "cube front"}
-    conditions = [SymmetryPlane(s) if i < count else Dirichlet(s, **{c: 0.0}) for i, (c, s) in enumerate(sides.items())]
+    conditions = [
+        SymmetryPlane(s) if i < count else Dirichlet(s, **{c: 0.0}) for i, (c, s) in enumerate(sides.items())
+    ]
     conditions += [Dirichlet("cube bottom", z=-0.1)]
     mesh = root_mesh_from_shapes({"cube": cube})
 

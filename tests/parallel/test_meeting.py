@@ -182,7 +182,11 @@ INSIDE = (
 END, STEP = "the end of the program", "the next step of adapt"
 #: Ways of one rank out of a program: text, what stderr has, ranks.
 ENDS = {
-    "only rank 0": (HEAD + "if comm.rank == 0: next(adapt(patch(), 1e-3))", ["adapt on rank 0", f"{END} on rank 1"], 2),
+    "only rank 0": (
+        HEAD + "if comm.rank == 0: next(adapt(patch(), 1e-3))",
+        ["adapt on rank 0", f"{END} on rank 1"],
+        2,
+    ),
     "only the last": (HEAD + "if last: next(adapt(patch(), 1e-3))", ["adapt on rank 2", f"{END} on ranks 0, 1"], 3),
     "fields": (
         RUN.format("") + "step = next(run)\nif last: write_fields(step, '.')",
@@ -222,7 +226,9 @@ def test_program_of_one_rank_ends(tmp_path, way):
 def test_exit_before_all(tmp_path):
     """A rank that ends before it has used the package is heard of in a program that the package runs."""
     program = HEAD + "if last: sys.exit(3)\ncomm.Barrier()"
-    done = outcome(tmp_path, "import fx_contact.parallel.meeting as m; m._GRACE = 1\n" + program, 2, "-m", "fx_contact")
+    done = outcome(
+        tmp_path, "import fx_contact.parallel.meeting as m; m._GRACE = 1\n" + program, 2, "-m", "fx_contact"
+    )
     assert done.returncode != 0 and f"has come to {END} by SystemExit, and others do not answer" in done.stderr
 
 

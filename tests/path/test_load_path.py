@@ -63,7 +63,9 @@ def test_a_linear_load_path():
     assert second.record.solves == 2 and second.step.record.reached
     assert second.record.unknowns > second.step.record.dofs
     assert third.record.solves == 2 and third.step.record.cells < 1.2 * first.step.record.cells
-    assert second.step.record.force == pytest.approx(2 * first.step.record.force, rel=0.25**2)  # of a force: about e^2
+    assert second.step.record.force == pytest.approx(
+        2 * first.step.record.force, rel=0.25**2
+    )  # of a force: about e^2
 
 
 def test_force_over_approach_is_that_of_hertz():

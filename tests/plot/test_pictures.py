@@ -208,7 +208,9 @@ def test_numbers_have_colours_of_their_own():
     from matplotlib.colors import to_rgb
 
     shades = np.array([to_rgb(colour) for colour in _colours("level", 8)])
-    assert (np.diff(shades @ (0.299, 0.587, 0.114)) < -0.01).all() and _colours("level", 3) == _colours("level", 8)[:3]
+    assert (np.diff(shades @ (0.299, 0.587, 0.114)) < -0.01).all() and _colours("level", 3) == _colours("level", 8)[
+        :3
+    ]
     assert len(set(_colours("rank", 20))) == 20
     colours = np.array([to_rgb(colour) for colour in _colours("rank", 10)])
     apart = np.linalg.norm(colours[:, None] - colours, axis=2) + 10 * np.eye(10)

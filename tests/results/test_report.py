@@ -201,7 +201,12 @@ def test_warnings_of_forces():
     assert first == (
         "contact pair 1: the estimated error of its force is 11%; 1,234 leaves are marked for it: allow more steps"
     )
-    assert second.startswith("contact pair 4: the estimated error of its force is 100%; no leaf is refined for errors")
+    assert second.startswith(
+        "contact pair 4: the estimated error of its force is 100%; no leaf is refined for errors"
+    )
     of_pairs = tuple(SimpleNamespace(kind="contact", name=f"a on {name}") for name in "bcdef")
     named = replace(record, resultants=(*of_pairs, SimpleNamespace(kind="balance", name="a")))
-    assert [line.split(":")[0] for line in force_warnings(named)] == ["contact pair 'a on c'", "contact pair 'a on f'"]
+    assert [line.split(":")[0] for line in force_warnings(named)] == [
+        "contact pair 'a on c'",
+        "contact pair 'a on f'",
+    ]

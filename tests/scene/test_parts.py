@@ -42,7 +42,12 @@ def test_of_shapes():
     mesh = coated(other=block((0, 0, 2), (1, 1, 3), (1, 1, 1), 1))
     assert mesh.bodies == ("plate", "other") and mesh.regions == ("plate", "other", "plate coating")
     assert mesh.region.tolist() == [0] * 4 + [2] * 4 + [1] and mesh.body_of_region.tolist() == [0, 1, 0]
-    assert mesh.cells_of("plate").tolist() == list(range(8)) and mesh.cells_of("plate coating").tolist() == [4, 5, 6, 7]
+    assert mesh.cells_of("plate").tolist() == list(range(8)) and mesh.cells_of("plate coating").tolist() == [
+        4,
+        5,
+        6,
+        7,
+    ]
     ends = block((0, 0, 0), (3, 1, 1), (3, 1, 1), 1)
     for where in (lambda x: x[0] < 1.5, lambda x: x[0] > 1.5):
         ends = ends.as_part("end", where).mirrored("y").shifted(z=1)

@@ -8,7 +8,11 @@ from studies.layers.run import coated, known
 
 @pytest.mark.parametrize(
     "ratio, goal, degree, within",
-    [pytest.param(1e-3, 2e-3, 2, 3e-3, marks=pytest.mark.ranks(1, 2, 3)), (10.0, 2e-3, 2, 3e-3), (10.0, 0.02, 1, 0.04)],
+    [
+        pytest.param(1e-3, 2e-3, 2, 3e-3, marks=pytest.mark.ranks(1, 2, 3)),
+        (10.0, 2e-3, 2, 3e-3),
+        (10.0, 0.02, 1, 0.04),
+    ],
 )
 def test_force(ratio, goal, degree, within):
     """To 0.3 % at degree 2, with a goal of 0.2 %; at most 55 iterations, with those before factors take over."""

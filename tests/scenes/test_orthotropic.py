@@ -170,7 +170,8 @@ def test_ball_on_spruce():
     size, radius, force, known = 6.8, 10.0, 0.0232781, (0.531407, 0.847116)
     mesh = root_mesh_from_shapes({"wood": block((0, 0, -size), (size, size, 0), (2, 2, 2), 1)})
     ball = RigidSurface(
-        lambda x: (x[0] ** 2 + x[1] ** 2) / (2 * radius) - x[2], lambda x: np.stack([0 * x[0], 0 * x[0], 0 * x[0] - 1])
+        lambda x: (x[0] ** 2 + x[1] ** 2) / (2 * radius) - x[2],
+        lambda x: np.stack([0 * x[0], 0 * x[0], 0 * x[0] - 1]),
     )
     held = Dirichlet("wood bottom", 0.0, 0.0, 0.0), SymmetryPlane("wood left"), SymmetryPlane("wood front")
     pair = ContactPair("wood top", ball, force=(0.0, 0.0, -force))

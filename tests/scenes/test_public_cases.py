@@ -103,7 +103,9 @@ def rings(heat):
     return np.array(solve(scene, 0.03).record.pair_forces) / (2 * np.pi * np.array([30, 40]) * 10)
 
 
-@pytest.mark.parametrize("heat, expected", [(0, (4.99847, 0)), (40, (0, 0)), (50, (0, 0.720172)), (200, (0, 24.4859))])
+@pytest.mark.parametrize(
+    "heat, expected", [(0, (4.99847, 0)), (40, (0, 0)), (50, (0, 0.720172)), (200, (0, 24.4859))]
+)
 def test_rings_pressed_and_heated(heat, expected):
     """CalculiX #98: pressures by Lame's formulas; at 40 K the middle ring is free."""
     assert rings(heat) == pytest.approx(expected, rel=0.005, abs=0.01)

@@ -150,7 +150,9 @@ def test_misfit_shear():
         Dirichlet("y", z=exact["y"][2]),
     )
     for value in (tensor, lambda x: np.broadcast_to(tensor[:, :, None], (3, 3, x.shape[1]))):
-        step = solve(replace(scene, mesh=mesh, dirichlet=held, strains=InitialStrain("slab", value)), 0.1, solver=EXACT)
+        step = solve(
+            replace(scene, mesh=mesh, dirichlet=held, strains=InitialStrain("slab", value)), 0.1, solver=EXACT
+        )
         position, u = displaced(step)
         everywhere(np.abs(u - position @ tensor).max(initial=0) < 1e-10 * 1e-3, "displacement")
 

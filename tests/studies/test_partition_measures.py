@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 from conftest import WORLD
-from model_problems import corner_scene, find_leaves, gathered, grown, place, pressed, roots, scramble, two_boxes, whole
+from model_problems import (
+    corner_scene,
+    find_leaves,
+    gathered,
+    grown,
+    place,
+    pressed,
+    roots,
+    scramble,
+    two_boxes,
+    whole,
+)
 
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space

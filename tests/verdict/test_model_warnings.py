@@ -234,7 +234,9 @@ def test_surface_that_is_large_enough(upper, lower, named):
 def test_tie_that_is_free_in_part():
     """A tenth of the smaller surface may face nothing."""
     warning = warned(lying((0, 1, 4), (-1, 0.5, 3), glued=True))["uncovered"]
-    assert abs(warning.value - 0.5) < 1e-12 and warning.place == "upper bottom" and "50% of the area" in warning.message
+    assert (
+        abs(warning.value - 0.5) < 1e-12 and warning.place == "upper bottom" and "50% of the area" in warning.message
+    )
     assert not warned(lying((0, 1, 4), (-1, 0.95, 3), glued=True))
     assert not warned(lying((0, 1, 4), (-1, 2, 6), glued=True))
 

@@ -38,7 +38,9 @@ def stack(gap=0.0, covered=1.0, down=0.02, contact=True, turn=0.0):
         """The covered part."""
         return x[0] < covered + 1e-9
 
-    lower, upper = LOWER.named("seat", "top", where=seat), LOWER.shifted(z=1 + gap).named("seat", "bottom", where=seat)
+    lower, upper = LOWER.named("seat", "top", where=seat), LOWER.shifted(z=1 + gap).named(
+        "seat", "bottom", where=seat
+    )
     mesh = root_mesh_from_shapes({"lower": lower.turned("y", turn), "upper": upper.turned("y", turn)})
     x, z = np.sin(np.radians(turn)), np.cos(np.radians(turn))
     held = Dirichlet("lower bottom", 0.0, 0.0, 0.0), Dirichlet("upper top", -down * x, 0.0, -down * z)
