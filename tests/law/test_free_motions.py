@@ -168,6 +168,7 @@ def test_a_ball_between_nodes(angle, weight, degree):
     for scene in scenes:
         record = solve(scene, 0.5, degree=degree, max_steps=2).record
         assert record.force == pytest.approx(weight * 4 / 3 * np.pi, rel=1e-3)
+        assert weight < 0.1 or not record.doubts, "three nodes do not resolve a light ball: it shifts"
     assert resultant(record, "base bottom") == pytest.approx([0, 0, record.force], rel=1e-3, abs=1e-6 * record.force)
 
 

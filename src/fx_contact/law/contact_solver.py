@@ -33,6 +33,7 @@ class ContactSolution:
     Attributes:
         rows: of the problem, or where the obstacles have settled; None without contact.
         displacement: (owned, 3), conforming [m].
+        still: (owned, 3), without `free_motions` [m].
         active: (n,), closed rows.
         pressure: (n,), `ConstraintRows.pressure` [Pa].
         penetration: (n,), B u - D, positive where the bodies penetrate [m].
@@ -56,6 +57,7 @@ class ContactSolution:
 
     rows: ConstraintRows | None
     displacement: FloatArray
+    still: FloatArray
     active: BoolArray
     pressure: FloatArray
     penetration: FloatArray
@@ -145,7 +147,7 @@ def solve_system(
         system = LinearSystem(problem, options.solver, stages, objects, left_out)
         with stages("solve"):
             u = system.solve(load, u, options.solver.tolerance)
-        error, of_rows = system.solver.energy_error, _WITHOUT_ROWS
+        error, of_rows, still = system.solver.energy_error, _WITHOUT_ROWS, u
     else:
         with stages("solve"):
             carried, constant = comm.allreduce(bool(start.any()), op=MPI.LOR), RowMotions.of(rows, turning=False)
@@ -161,12 +163,13 @@ def solve_system(
             rows = jump.rows
             motions |= RowMotions.of(rows, turning=True).entries(distances)
         law.check_supported()
-        free = law.free_motions()
+        free, still = law.free_motions(u)
         motions |= constant.entries(constant.found(rows.penetration(u)))
         of_rows = _of_rows(law, jump.movable, rows, u, trial)
     solution = ContactSolution(
         rows=rows,
         displacement=u,
+        still=still,
         krylov_iterations=list(system.solver.iterations),
         preconditioner=system.solver.preconditioner,
         motions=motions,

@@ -86,13 +86,16 @@ class LoadedMotions:
         return self.rigid.named(self.rigid.coefficients(free))
 
     def left_out(self, free: FloatArray) -> FreeMotions | None:
-        """The projector that leaves out free motions, but for those that curved cells resist; None: there are none.
+        """The projector that leaves out free motions, but for those that cells resist; None: there are none.
 
         Collective.
         """
         energy, diagonal = free @ self._resistance @ free.T
         values, vectors = np.linalg.eigh(energy)
-        free = vectors.T[values <= UNRESISTED * np.diagonal(diagonal).max(initial=0.0)] @ free
+        return self.projector(vectors.T[values <= UNRESISTED * np.diagonal(diagonal).max(initial=0.0)] @ free)
+
+    def projector(self, free: FloatArray) -> FreeMotions | None:
+        """The projector that leaves out motions (l, k + m); None: no body moves.  Collective."""
         coefficients = self.rigid.coefficients(free)
         _, size, basis = np.linalg.svd(
             coefficients.reshape(len(free), 6 * coefficients.shape[1]), full_matrices=False

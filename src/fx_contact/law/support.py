@@ -40,9 +40,14 @@ class Support:
         """The projector that leaves free motions out; None: there are none.  Collective."""
         return self._loaded.left_out(self._free(by)[0])
 
-    def free(self, by: Resisting) -> dict[str, str]:
-        """Bodies that nothing holds and no load moves, by name, and how they could move.  Collective."""
-        return self._loaded.named(self._free(by)[0])
+    def free(self, by: Resisting, u: FloatArray) -> tuple[dict[str, str], FloatArray]:
+        """Bodies that nothing holds and no load moves, by name, and how; a displacement (owned, 3) without it [m].
+
+        Collective.
+        """
+        free = self._free(by)[0]
+        projector = self._loaded.projector(free)
+        return self._loaded.named(free), u if projector is None else projector.remaining(u)
 
     def driven(self, by: Resisting) -> dict[str, str]:
         """Bodies that loads move without resistance, or that slide, and how.  Collective."""

@@ -113,9 +113,9 @@ class Unilateral:
             springs = springs + tangents.springs(active)
         return springs
 
-    def free_motions(self) -> dict[str, str]:
-        """Bodies that nothing holds and no load moves, by name, and how they could move.  Collective."""
-        return {} if self._support is None else self._support.free(self._resisting(self.active))
+    def free_motions(self, u: FloatArray) -> tuple[dict[str, str], FloatArray]:
+        """As `Support.free`.  Collective."""
+        return ({}, u) if self._support is None else self._support.free(self._resisting(self.active), u)
 
     @property
     def slides(self) -> bool:

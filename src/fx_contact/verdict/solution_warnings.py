@@ -135,7 +135,7 @@ def _sliding(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
     """Contacts whose closed rows have slid."""
     force, contacts = state.solution.force, state.scene.contact
     count, comm = len(contacts), rows.prolongation.comm
-    slid, area = rows.sliding(state.solution.displacement), np.where(state.solution.active, rows.area, 0.0)
+    slid, area = rows.sliding(state.solution.still), np.where(state.solution.active, rows.area, 0.0)
 
     def sums(*columns: FloatArray) -> FloatArray:
         """Of each column over the rows of each contact: (columns, contacts)."""
