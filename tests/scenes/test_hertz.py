@@ -26,7 +26,7 @@ KEYS = """scene, step, ranks, cells, dofs, degree, hanging_nodes, max_level, geo
 contact_iterations, krylov_iterations, estimate, assumed_effectivity, tolerance, ratio, reached, force, pair_forces,
 contact_radius, pair_errors, pair_leaves, max_pressure, max_penetration, partition, seconds, control,
 cpu_seconds, memory_bytes, peak_memory_bytes, versions, enforcement, preconditioner, penetrated_leaves, penalty_share,
-contact_centre, pair_alignments, resultants, doubts"""
+contact_centre, pair_alignments, pair_areas, resultants, doubts"""
 
 
 @pytest.fixture(scope="module")
