@@ -16,6 +16,7 @@ from fx_contact import (
     ErrorControl,
     Material,
     Pressure,
+    RigidLoad,
     RigidPlane,
     RigidSphere,
     Scene,
@@ -170,6 +171,52 @@ def test_a_ball_between_nodes(angle, weight, degree):
         assert record.force == pytest.approx(weight * 4 / 3 * np.pi, rel=1e-3)
         assert weight < 0.1 or not record.doubts, "three nodes do not resolve a light ball: it shifts"
     assert resultant(record, "base bottom") == pytest.approx([0, 0, record.force], rel=1e-3, abs=1e-6 * record.force)
+
+
+def heavier(axis):
+    """A weight along an axis that grows with x."""
+    return lambda x: np.multiply.outer(-1e-3 * np.eye(3)[axis], 1 + 0.9 * x[0])
+
+
+@DEGREES
+def test_a_ring_that_would_turn(degree):
+    """Heavier on one side, beyond the nodes around the point of contact."""
+    mesh = root_mesh_from_shapes({"ring": ring(0.5, 1.0, 1.0, (2, 8, 1))})
+    plane = ContactPair("ring outside", RigidPlane((0, -1, 0), (0, 1, 0)))
+    scene = Scene("ring", mesh, {"ring": SOFT}, contact=plane, body_forces=BodyForce("ring", heavier(1)))
+    with pytest.raises(SolveError, match="nothing holds body 'ring'"):
+        solve(scene, 0.4, degree=degree, max_steps=2)
+
+
+def test_a_ball_that_would_turn():
+    """Heavier on one side, between the nodes around the point of contact: its cells balance it, which is said."""
+    mesh = root_mesh_from_shapes({"ball": ball(1.0, 1)})
+    plane = ContactPair("ball outside", RigidPlane((0, 0, -1), (0, 0, 1)))
+    scene = Scene("ball", mesh, {"ball": SOFT}, contact=plane, body_forces=BodyForce("ball", heavier(2)))
+    record = solve(scene, 0.4, degree=1, max_steps=1).record
+    (moment,) = (one.moment for one in record.resultants if one.kind == "balance")
+    (doubt,) = (one for one in record.doubts if one.kind == "unbalanced moment")
+    assert doubt.value == pytest.approx(np.linalg.norm(moment) / record.force / 2, rel=1e-6)
+    assert doubt.value == pytest.approx(0.09, rel=0.01) and doubt.place == "ball"
+
+
+@DEGREES
+def test_a_rigid_load_through_a_free_ball(degree):
+    """A load on a rigid face alone: the balance of a body is judged by it."""
+    shapes = {
+        "ball": ball(1.0, 2),
+        "low": block((-1.5, -1.5, -2), (1.5, 1.5, -1), (2, 2, 1)),
+        "up": block((-1.5, -1.5, 1), (1.5, 1.5, 2), (3, 3, 1)),
+    }
+    scene = Scene(
+        "press",
+        root_mesh_from_shapes(shapes),
+        dict.fromkeys(shapes, SOFT),
+        (Dirichlet("low bottom", 0, 0, 0), Dirichlet("up left", x=0), Dirichlet("up front", y=0)),
+        (ContactPair("ball outside", "low top"), ContactPair("ball outside", "up bottom")),
+        rigid_loads=RigidLoad("up top", (0, 0, -9.0)),
+    )
+    assert solve(scene, 0.5, degree=degree, max_steps=1).record.pair_forces == pytest.approx([9.0, 9.0], rel=0.02)
 
 
 def test_a_plate_that_rocks():

@@ -71,3 +71,15 @@ def test_a_scan(spacing, n):
         held, pair = Dirichlet("base bottom", 0, 0, 0), ContactPair("base top", scan)
         found = kinks(solve(Scene("scan", mesh, {"base": Material(1.0, 0.3)}, held, pair), 0.3, max_steps=2))
         assert bool(found) == kinked
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_a_rounded_stamp(n):
+    """Its slopes are continuous, its curvature is not."""
+    stamp = RigidSurface(
+        lambda x: np.maximum(np.hypot(x[0], x[1]) - 0.4, 0) ** 2 / 0.4 - x[2] - 0.01,
+        lambda x: np.multiply.outer([0.0, 0.0, -1.0], np.ones(len(x[0]))),
+    )
+    mesh = root_mesh_from_shapes({"base": block((0, 0, -1), (1, 1, 0), (n, n, 2), 1)})
+    held, pair = Dirichlet("base bottom", 0, 0, 0), ContactPair("base top", stamp)
+    assert not kinks(solve(Scene("stamp", mesh, {"base": Material(1.0, 0.3)}, held, pair), 0.3, max_steps=2))

@@ -46,11 +46,10 @@ from fx_contact.scene.scene import Scene
 from fx_contact.verdict.contact_figures import ContactFigures, figures_of_contact
 from fx_contact.verdict.model_warning import ModelWarning, check_model_warnings
 from fx_contact.verdict.penetration import penetrations
-from fx_contact.verdict.resultants import Resultant, sum_up
+from fx_contact.verdict.resultants import Resultant, sum_up, unbalanced_moments
 from fx_contact.verdict.solution_warnings import load_warnings, warnings_of_state
 
-#: Without contact, or with free bodies, an energy norm up to this many times rounding is that of a rigid motion, 0.
-#: Half-spheres that do not touch have 0.3 to 0.8 times rounding (`test_bodies_that_do_not_touch`).
+#: Energy norm of rigid motions over rounding: 0.3 to 0.8 where half-spheres do not touch (`tests/scenes/test_hertz`).
 RIGID = 1e3
 #: Largest part of the prescribed error for linear solver and rounding: errors add in squares, and a tenth adds 0.5 %.
 SOLVER_SHARE = 0.1
@@ -230,17 +229,18 @@ def _assess(
         SolveError: the linear solver or equilibrium are off by more than the tolerance allows.
         ValidityError: the solution is far outside of linear elasticity.
     """
-    tolerance, comm = settings.tolerance, start.forest.comm
+    tolerance, comm, theta = settings.tolerance, start.forest.comm, start.effectivity
     state, duals = _estimate(settings, start, discrete, solution, system, stages)
     _check_solver(state, tolerance)
     residual = _checked_residual(state, discrete)
     warnings = load_warnings(state.scene) if HISTORY not in start.fields else []  # a last increment may have none
-    warnings += [*warnings_of_state(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
-    check_model_warnings(warnings, (*settings.allow, "no load"))  # refused at the beginning
     figures = figures_of_contact(state.scene, state.rows, solution, comm)
     resultants = sum_up(state, residual, discrete.load_totals, np.array(figures.contact_centre))
-    met = settings.control.sought(state.estimate, tolerance, start.effectivity) is None
-    of_contact, goals = _errors_of_goals(settings, state, residual, figures, start.effectivity, duals, met)
+    warnings += [*warnings_of_state(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
+    warnings += unbalanced_moments(state.scene, resultants)
+    check_model_warnings(warnings, (*settings.allow, "no load"))  # refused at the beginning
+    met = settings.control.sought(state.estimate, tolerance, theta) is None
+    of_contact, goals = _errors_of_goals(settings, state, residual, figures, theta, duals, met)
     reached = met and not of_contact.leaves and (of_contact.penalty_share or 0.0) <= tolerance**2
     return _Assessment(state, of_contact, goals, figures, resultants, warnings, bool(reached))
 

@@ -56,10 +56,17 @@ class RigidMotions:
         self.free = motions[free].reshape(-1, len(mesh.bodies), 6)
         self.prescribed = motion.reshape(-1, 6)
 
+    @cached_property
+    def turning(self) -> FloatArray:
+        """(nbodies, 3, 3), projectors on the rotations of each body in free motions."""
+        _, strength, axes = np.linalg.svd(self.free[:, :, 3:].transpose(1, 0, 2), full_matrices=True)
+        axes = axes[:, : strength.shape[1]] * (strength > _ROUNDING)[:, :, None]
+        return np.asarray(axes.swapaxes(1, 2) @ axes)
+
     @property
-    def turning(self) -> bool:
-        """True if a free motion turns a body."""
-        return bool(np.abs(self.free[:, :, 3:]).max(initial=0.0) > _ROUNDING)
+    def sizes(self) -> FloatArray:
+        """(nbodies,), largest extents of the bodies [m]."""
+        return self._extents[1][:, 0]
 
     @cached_property
     def _extents(self) -> tuple[FloatArray, FloatArray]:

@@ -29,6 +29,7 @@ class LoadedMotions:
 
     Attributes:
         rigid: the motions of the bodies.
+        work: (k + m,), of the loads in unit motions [N].
     """
 
     def __init__(
@@ -39,9 +40,10 @@ class LoadedMotions:
         work, size = bodies.work(load).reshape(2, -1)
         self._bodies, self._basis = bodies, block_diag(basis, np.eye(len(given)))
         self._work, self._size = np.concatenate([work, given]), np.concatenate([size, np.abs(given)])
+        self.work = self._basis @ self._work
         none = np.zeros((len(given), len(given)))
         resistance: FloatArray = np.zeros((2, len(bodies.rigid.free[0]), 6, 6))
-        if bodies.rigid.turning:  # else cells resist none of them
+        if bodies.rigid.turning.any():  # else cells resist none of them
             resistance = bodies.resistance(matrix)
         self._resistance = np.stack([self._basis @ block_diag(*one, none) @ self._basis.T for one in resistance])
 
@@ -59,6 +61,9 @@ class LoadedMotions:
             _, group = connected_components(joined, directed=False)
             largest = np.zeros(len(group))
             np.maximum.at(largest, group, np.abs(self._work[: 6 * len(group)]).reshape(-1, 6).max(axis=1))
+            largest[np.bincount(group, minlength=len(group)) > 1] += np.abs(self._work[6 * len(group) :]).max(
+                initial=0.0
+            )
             allowed[: 6 * len(group)] += _BALANCED * np.repeat(largest[group], 6)
         driven = of_bodies @ np.where(np.abs(force) > allowed, force, 0.0)
         return np.asarray(np.linalg.svd(driven[None])[2][1:] @ motions) if driven.any() else motions
@@ -73,7 +78,7 @@ class LoadedMotions:
         The length is that at which cells balance the loads, while free motions do not resist; infinite without.
         """
         rest = _besides(free, motions)
-        along = rest.T @ (rest @ (self._basis @ self._work))
+        along = rest.T @ (rest @ self.work)
         force = float(np.linalg.norm(along))
         along /= force or 1.0
         both = np.vstack([along, free])

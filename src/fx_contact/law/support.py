@@ -3,12 +3,16 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import nnls
 
-from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.row_motions import RowMotions
 from fx_contact.fem.body_motions import UNRESISTED, FreeMotions
 from fx_contact.law.free_motions import LoadedMotions
 from fx_contact.parallel.arrays import BoolArray, FloatArray
+
+#: Part of the loads that may be left: free motions have up to 1e-4 of them.
+_CARRIED = 1e-3
 
 
 class Resisting(NamedTuple):
@@ -64,6 +68,14 @@ class Support:
         closed, gap = every[by.closed], by.rows.gap
         sums = self._motions.sum(np.column_stack([closed.T @ closed, closed.T @ gap[by.closed]]))
         return np.asarray(gap - every @ (np.linalg.pinv(sums[:, :-1], UNRESISTED, True) @ sums[:, -1]))
+
+    def carries(self, by: Resisting) -> bool:
+        """True if the rigid rows, normals by pressing, balance the loads on undeformed bodies.  Collective."""
+        rates, normal = self._penetration(by, by.closed), (by.rows.role == Role.NORMAL)[by.closed]
+        comm = by.rows.prolongation.comm
+        both = [np.concatenate(comm.allgather(part)) for part in (rates, -rates[~normal])]
+        _, left = nnls(np.concatenate(both).T, self._loaded.work)
+        return bool(left <= _CARRIED * np.linalg.norm(self._loaded.work))
 
     def _free(self, by: Resisting) -> tuple[FloatArray, FloatArray]:
         """Free motions, as of `LoadedMotions`, and all that rigid rows do not resist."""

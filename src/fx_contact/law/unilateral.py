@@ -288,13 +288,13 @@ class Unilateral:
         top, bottom = self._largest(penetration), -self._largest(-penetration)
         gap, touching = min(top, 0.0) - penetration, self._ALIKE * max(top - bottom, 0.0)
         more: BoolArray = active
+        held = None  # by cells, before a row is reached
         while driven := support.driven(by := self._resisting(more)):
             rate, balanced = support.rates(by)
             closing = self.normal & ~more & (rate > self._ALIKE)
             way, from_rest = (self._shortest(gaps[closing], rate[closing]) for gaps in (gap, support.gaps(by)))
-            if balanced < from_rest < np.inf:
-                self._loose = {}
-                return more
+            if balanced < from_rest < np.inf and held is None and not self._tangents:
+                held = more
             near = self.normal & ~more & ~self.active & (gap <= touching)
             if not any_true(self._comm, near):
                 if not np.isfinite(way):
@@ -304,7 +304,10 @@ class Unilateral:
                 gap = gap - way * rate
                 near = closing & (gap <= touching)
             more = more | near
-        return more
+        if held is None or not support.carries(self._resisting(more)):
+            return more
+        self._loose = {}
+        return held
 
     def _shortest(self, gap: FloatArray, rate: FloatArray) -> float:
         """The least way to rows with positive rates."""

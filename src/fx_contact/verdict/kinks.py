@@ -24,8 +24,9 @@ from fx_contact.verdict.model_warning import ModelWarning
 #: Limit of E* alpha / 8 over the largest pressure: of press fits the pressures at nodes are then off by up to 10 %
 #: (`studies.nonmatching.kinks`) [-].
 KINKS = 0.05
-#: Steps of a line across a leaf facet, in which kinks of an obstacle are found.
-_STEPS = 16
+#: Steps of a line across a leaf facet in which kinks of an obstacle are found, and divisions of 5 of them: the last
+#: ones have 1/1300 of the facet.
+_STEPS, _DIVISIONS = 32, 3
 #: Distances beyond a box, relative to its size, that are rounding.
 _ROUNDING = 1e-9
 #: Advice, for root cells and for obstacles.
@@ -76,22 +77,29 @@ def _largest(position: FloatArray, angle: FloatArray) -> tuple[float, FloatArray
 
 
 def _slopes(facets: LeafFacets, obstacle: RigidSurface, box: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Middles (n, 3) [m] of leaf facets, and on each by how much the largest change of slope exceeds the mean one.
+    """Middles (n, 3) [m] of leaf facets, and on each the largest change of the gap's slope on lines across it.
 
+    The intervals with the largest second differences are divided again: these remain at a kink, and are O(s) elsewhere.
     Lines end a step beyond facets, but in the box (2, 3) around the surface.
     """
-    along, across = np.arange(-1, _STEPS + 2) / _STEPS, (np.arange(4) + 0.5) / 4
-    lines = np.stack(np.broadcast_arrays(along, across[:, None]), axis=-1)
-    lines = np.concatenate([lines, lines[..., ::-1]])
-    x = facets.at(lines.reshape(-1, 2)).position.reshape(len(facets), *lines.shape[:2], 3)
-    inside = np.clip(x, *box)
-    gap = obstacle.distances(inside.reshape(-1, 3))[0].reshape(x.shape[:-1])
-    slope = np.diff(gap, axis=2) / np.linalg.norm(np.diff(x, axis=2), axis=3)
-    beyond = np.abs(inside - x).max(axis=3) > _ROUNDING * np.ptp(box)
-    slope[beyond[:, :, 1:] | beyond[:, :, :-1]] = np.nan
-    change = np.abs(np.diff(slope, axis=2))
-    both = change[:, :, 1:] + change[:, :, :-1]  # of a kink inside a step
-    return x.mean(axis=(1, 2)), (np.nanmax(both, axis=2) - np.nanmean(both, axis=2)).max(axis=1)
+    across, steps = (np.arange(4) + 0.5) / 4, np.linspace(0, 1, _STEPS + 1)
+    low: FloatArray = np.full((len(facets), 8, 1), -1 / _STEPS)
+    high: FloatArray = 1 - low
+    for _ in range(_DIVISIONS):
+        along = low + (high - low) * steps
+        lines = np.stack(np.broadcast_arrays(along, np.tile(across, 2)[:, None]), axis=-1)
+        lines[:, 4:] = lines[:, 4:, :, ::-1]
+        x = facets.at(lines.reshape(len(facets), -1, 2)).position.reshape(*along.shape, 3)
+        inside = np.clip(x, *box)
+        gap = obstacle.distances(inside.reshape(-1, 3))[0].reshape(along.shape)
+        gap[np.abs(inside - x).max(axis=3) > _ROUNDING * np.ptp(box)] = np.nan
+        slope = np.diff(gap, axis=2) / np.linalg.norm(np.diff(x, axis=2), axis=3)
+        change = np.abs(np.diff(slope, axis=2))
+        both = np.nan_to_num(change[:, :, 1:] + change[:, :, :-1])  # of a kink inside a step
+        largest = both.argmax(axis=2)[:, :, None]
+        low = np.take_along_axis(along, np.maximum(largest - 1, 0), axis=2)
+        high = np.take_along_axis(along, np.minimum(largest + 4, _STEPS), axis=2)
+    return x.mean(axis=(1, 2)), both.max(axis=(1, 2))
 
 
 def _angles(mesh: RootMesh, facets: IntArray, pressed: BoolArray) -> tuple[FloatArray, FloatArray]:

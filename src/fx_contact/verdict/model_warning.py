@@ -37,7 +37,7 @@ class ModelWarning:
     Attributes:
         kind: "large strain", "large rotation", "sliding", "load step", "no contact", "initial overlap",
             "unresolved load", "growing pressure", "kinks", "uncovered", "oblique direction", "penetration", "no load",
-            "zero load", "held load", "load on contact" or "free on a plane".
+            "unbalanced moment", "zero load", "held load", "load on contact" or "free on a plane".
         value: found, in the unit that the message says.
         limit: exceeded by the value; for "no contact" and "no load" reached.
         place: a point, undeformed [m], or the name of a body, a surface or the scene.

@@ -9,6 +9,7 @@ moments if the order q of the leaves' geometry is at most the degree p.  For q >
 displacements; on the coarsest Hertz mesh (q = 2, p = 1) the error is 3e-3 of the force times the radius.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,13 @@ from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.dirichlet import held_nodes, shared_forces
 from fx_contact.items.boundary_conditions import SymmetryPlane
 from fx_contact.parallel.arrays import FloatArray, IntArray
+from fx_contact.parallel.validation import percent
 from fx_contact.scene.scene import Scene
+from fx_contact.verdict.model_warning import ModelWarning
+
+#: Limit of an unbalanced moment, relative to the contact force times the size of the body: the force is off by this
+#: part of the size [-].
+UNBALANCED = 0.01
 
 
 @dataclass(frozen=True)
@@ -76,6 +83,22 @@ def sum_up(state: SolvedState, residual: FloatArray, totals: FloatArray, centre:
         if len(interface.surfaces) == 1:  # on the obstacle, or of a rigid load on the body
             values[index] = (1 if interface.EQUALITY else -1) * sums[index].sum(axis=0)
     return tuple(_resultant(name, kind, row, centre, scene) for (name, kind), row in zip(names, values))
+
+
+def unbalanced_moments(scene: Scene, resultants: Sequence[Resultant]) -> list[ModelWarning]:
+    """Moments on bodies that are free to turn, which cells of a higher order than the displacements balance.  Local."""
+    contact = max((float(np.linalg.norm(one.force)) for one in resultants if one.kind == "contact"), default=0.0)
+    warnings, balances = list[ModelWarning](), [one for one in resultants if one.kind == "balance"]
+    for one, turning, size in zip(balances, scene.rigid_motions.turning, scene.rigid_motions.sizes):
+        lever = float(np.linalg.norm(turning @ np.array(one.moment)) / (contact * size)) if contact else 0.0
+        if lever > UNBALANCED:
+            message = (
+                f"forces on body {one.name!r} are in balance but for a moment, of the largest contact force times "
+                f"{percent(lever)} of its size, limit {percent(UNBALANCED)}: it touches between nodes, or would roll "
+                "or tip; take a smaller tolerance, or degree 2"
+            )
+            warnings.append(ModelWarning("unbalanced moment", lever, UNBALANCED, one.name, message))
+    return warnings
 
 
 def _resultant(name: str, kind: str, row: FloatArray, centre: FloatArray, scene: Scene) -> Resultant:
