@@ -56,7 +56,7 @@ def test_obstacle(order):
     assert bool(kinks(solve(scene, 0.9, max_steps=1))) == (order == 2)
 
 
-@pytest.mark.parametrize("spacing, n", [(0.2, 4), (0.25, 4), (0.25, 3)])
+@pytest.mark.parametrize("spacing, n", [(0.2, 4), (0.25, 4), (0.25, 3), (0.25, 1)])
 def test_a_scan(spacing, n):
     """Of heights on a paraboloid, between and on the edges of facets: kinks of bilinear interpolation alone."""
     at = spacing * np.arange(-6, 7)

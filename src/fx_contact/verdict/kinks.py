@@ -17,6 +17,7 @@ from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.contact import SMOOTH
 from fx_contact.items.obstacles import RigidSurface
 from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
+from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import percent
 from fx_contact.surfaces.nonmatching import EDGE_MIDDLES, edges_of
 from fx_contact.verdict.model_warning import ModelWarning
@@ -55,7 +56,8 @@ def _worst(state: SolvedState, rows: ConstraintRows, kind: RowKind) -> ModelWarn
     if isinstance(contact.obstacle, RigidSurface):
         surface = mesh.facet_points(mesh.surface(contact.surfaces[0])).reshape(-1, 3)
         box = np.stack([surface.min(axis=0), surface.max(axis=0)])
-        found = _largest(*_slopes(pressed, contact.obstacle, box))
+        with together(forest.comm):  # the user's function may raise on one rank
+            found = _largest(*_slopes(pressed, contact.obstacle, box))
         of_obstacle = max(forest.comm.allgather(found), key=lambda one: one[0])
     (angle, position), part, what, advice = of_cells, 1 / 8, "root facets", _FOR_CELLS
     if of_obstacle[0] / 2 > angle / 8:
@@ -89,7 +91,7 @@ def _slopes(facets: LeafFacets, obstacle: RigidSurface, box: FloatArray) -> tupl
         along = low + (high - low) * steps
         lines = np.stack(np.broadcast_arrays(along, np.tile(across, 2)[:, None]), axis=-1)
         lines[:, 4:] = lines[:, 4:, :, ::-1]
-        x = facets.at(lines.reshape(len(facets), -1, 2)).position.reshape(*along.shape, 3)
+        x = facets.at(lines.reshape(len(facets), 8 * (_STEPS + 1), 2)).position.reshape(*along.shape, 3)
         inside = np.clip(x, *box)
         gap = obstacle.distances(inside.reshape(-1, 3))[0].reshape(along.shape)
         gap[np.abs(inside - x).max(axis=3) > _ROUNDING * np.ptp(box)] = np.nan
