@@ -21,7 +21,7 @@ UNRESISTED = 1e-12
 
 
 class BodyMotions:
-    """Rigid motions of the bodies of a scene at the owned conforming nodes.
+    """Rigid motions of the bodies of a scene at the owned conforming nodes.  Local at its making.
 
     Attributes:
         rigid: the motions, with the names of the bodies.

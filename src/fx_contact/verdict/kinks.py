@@ -35,7 +35,7 @@ _FOR_CELLS = "take cells of order 4 or more (gmsh.model.mesh.setOrder(4)), small
 _FOR_OBSTACLES = "interpolate it with continuous slopes, as by scipy.interpolate.RectBivariateSpline"
 
 
-def kinks(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+def kink_warnings(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
     """A warning for each contact, at its largest kink at pressed root facets.  Collective."""
     found = (_worst(state, rows, kind) for kind in rows.kinds)
     return [warning for warning in found if warning is not None]

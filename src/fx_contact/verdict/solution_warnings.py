@@ -27,7 +27,7 @@ from fx_contact.law.tangents import tangential_vectors
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
 from fx_contact.scene.scene import Scene
-from fx_contact.verdict.kinks import kinks
+from fx_contact.verdict.kinks import kink_warnings
 from fx_contact.verdict.model_warning import LARGE, MISSED, ModelWarning, Point
 
 #: Limit of the sliding of closed rows, relative to the radius of the contact [-].
@@ -95,7 +95,7 @@ def warnings_of_state(state: SolvedState, load_totals: FloatArray) -> list[Model
             *_large_load_steps(state, rows),
             *_cut_off(state, rows),
             *_oblique(state, rows),
-            *kinks(state, rows),
+            *kink_warnings(state, rows),
         ]
     return warnings + _uncovered_ties(state.scene) + _unresolved_loads(state, load_totals)
 
