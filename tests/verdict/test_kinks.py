@@ -69,8 +69,11 @@ def test_a_scan(spacing, n):
             lambda x: np.multiply.outer([0.0, 0.0, -1.0], np.ones(len(x[0]))),
         )
         held, pair = Dirichlet("base bottom", 0, 0, 0), ContactPair("base top", scan)
-        found = kinks(solve(Scene("scan", mesh, {"base": Material(1.0, 0.3)}, held, pair), 0.3, max_steps=2))
-        assert bool(found) == kinked
+        step = solve(Scene("scan", mesh, {"base": Material(1.0, 0.3)}, held, pair), 0.3, max_steps=2)
+        assert bool(kinks(step)) == kinked
+        for place in (one.place for one in step.record.doubts if one.kind == "kinks"):
+            off = np.array(place[:2]) / spacing
+            assert np.abs(off - off.round()).min() < 0.02, "a line of samples, within 1/40 of a facet"
 
 
 @pytest.mark.parametrize("n", [2, 3])

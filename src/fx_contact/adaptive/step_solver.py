@@ -49,7 +49,7 @@ from fx_contact.verdict.penetration import penetrations
 from fx_contact.verdict.resultants import Resultant, sum_up, unbalanced_moments
 from fx_contact.verdict.solution_warnings import load_warnings, warnings_of_state
 
-#: Energy norm of rigid motions over rounding: 0.3 to 0.8 where half-spheres do not touch (`tests/scenes/test_hertz`).
+#: Energy norms up to this many times rounding are those of rigid motions; 0.3 to 0.8 are (`tests/scenes/test_hertz`).
 RIGID = 1e3
 #: Largest part of the prescribed error for linear solver and rounding: errors add in squares, and a tenth adds 0.5 %.
 SOLVER_SHARE = 0.1

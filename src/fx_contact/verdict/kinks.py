@@ -79,7 +79,7 @@ def _largest(position: FloatArray, angle: FloatArray) -> tuple[float, FloatArray
 
 
 def _slopes(facets: LeafFacets, obstacle: RigidSurface, box: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Middles (n, 3) [m] of leaf facets, and on each the largest change of the gap's slope on lines across it.
+    """The largest change (n,) of the gap's slope on lines across each leaf facet, behind its position (n, 3) [m].
 
     The intervals with the largest second differences are divided again: these remain at a kink, and are O(s) elsewhere.
     Lines end a step beyond facets, but in the box (2, 3) around the surface.
@@ -101,7 +101,8 @@ def _slopes(facets: LeafFacets, obstacle: RigidSurface, box: FloatArray) -> tupl
         largest = both.argmax(axis=2)[:, :, None]
         low = np.take_along_axis(along, np.maximum(largest - 1, 0), axis=2)
         high = np.take_along_axis(along, np.minimum(largest + 4, _STEPS), axis=2)
-    return x.mean(axis=(1, 2)), both.max(axis=(1, 2))
+    kink = both.max(axis=2)
+    return x.mean(axis=2)[np.arange(len(facets)), kink.argmax(axis=1)], kink.max(axis=1)
 
 
 def _angles(mesh: RootMesh, facets: IntArray, pressed: BoolArray) -> tuple[FloatArray, FloatArray]:
