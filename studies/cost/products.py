@@ -1,31 +1,26 @@
-"""Products of the stiffness at degree 2 with a vector: storage of blocks, and PETSc's loop against ours.
+"""Products of the stiffness at degree 2 with a vector: assembled, and cell by cell.
 
     python3 -m studies.cost.products
 
-Curved cells, those of Hertz at 1 %, on one rank.  CPU seconds are medians, the loops in turn.
+Curved cells, those of Hertz, and cells with an affine map, those of the indentation, on one rank.  CPU seconds are
+medians, the products in turn.
 """
 
 import time
-from unittest import mock
 
 import numpy as np
 
 from fx_contact import solve
 from fx_contact.fem.dirichlet import find_supports
-from fx_contact.linalg import matrix
-from fx_contact.scenes import hertz
+from fx_contact.fem.elasticity import Elasticity
+from fx_contact.fem.sum_factorisation import matrix_free
+from fx_contact.scenes import cube_indentation, hertz
 from studies.tables import options, tabulate
 
 REPETITIONS = 40
-
-
-def stiffness(step, symmetric):
-    """The matrix of a step, assembled."""
-    elasticity = step.elasticity
-    supports = find_supports(step.scene, step.forest, elasticity.prolongation)
-    mat = elasticity.stiffness(step.rows, symmetric, supports=supports).mat
-    mat.assemble()
-    return mat
+#: Name -> scene and tolerance.
+CASES = {"curved": (hertz(displacement=0.005), 0.007), "affine": (cube_indentation(), 0.02)}
+KINDS = {"assembled": Elasticity.stiffness, "cell by cell": matrix_free}
 
 
 def seconds(mat, x, y):
@@ -37,18 +32,23 @@ def seconds(mat, x, y):
 
 def measured():
     """Rows of the table."""
-    step = solve(hertz(displacement=0.005), 0.01)
-    mats = {("BAIJ", "PETSc"): stiffness(step, False), ("SBAIJ", "ours"): stiffness(step, True)}
-    with mock.patch.object(matrix, "replace_product"):
-        mats["SBAIJ", "PETSc"] = stiffness(step, True)
-    vectors = {loop: mat.createVecs() for loop, mat in mats.items()}
-    for x, _ in vectors.values():
-        x.array[:] = np.sin(np.arange(x.getLocalSize()))
-    spent = [[seconds(mat, *vectors[loop]) for loop, mat in mats.items()] for _ in range(REPETITIONS)]
-    for (storage, loop), mat, median in zip(mats, mats.values(), np.median(spent, axis=0)):
-        blocks = mat.getInfo()["nz_used"] / 9
-        product = {"product_ms": 1e3 * median, "ns_a_stored_block": 1e9 * median / blocks}
-        yield {"dofs": step.record.dofs, "storage": storage, "loop": loop, "stored_blocks": int(blocks)} | product
+    for name, (scene, tolerance) in CASES.items():
+        step = solve(scene, tolerance)
+        supports = find_supports(scene, step.forest, step.elasticity.prolongation)
+        mats = {kind: make(step.elasticity, step.rows, supports=supports).mat for kind, make in KINDS.items()}
+        for mat in mats.values():
+            mat.assemble()
+        vectors = {kind: mat.createVecs() for kind, mat in mats.items()}
+        for x, _ in vectors.values():
+            x.array[:] = np.sin(np.arange(x.getLocalSize()))
+        spent = [[seconds(mat, *vectors[kind]) for kind, mat in mats.items()] for _ in range(REPETITIONS)]
+        for kind, median in zip(mats, np.median(spent, axis=0)):
+            yield {
+                "cells": name,
+                "dofs": step.record.dofs,
+                "product": kind,
+                "ns_a_dof": 1e9 * median / step.record.dofs,
+            }
 
 
 def main():

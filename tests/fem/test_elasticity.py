@@ -34,7 +34,6 @@ from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.supports import Supports
 from fx_contact.items.materials import Material
-from fx_contact.linalg.matrix import as_aij, diagonal_blocks
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
@@ -209,55 +208,6 @@ def test_hypre_copy_follows_the_blocks(distribution):
         assert (expected - found).norm() < 1e-14 * expected.norm()
         moved = (expected - reference).norm() > 0.1 * expected.norm()
         assert moved or not change.any()
-
-
-@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
-def test_symmetric_storage_holds_the_same_matrix(distribution):
-    """Products, number of entries and diagonal blocks; every row is as long as foreseen, and converts to AIJ."""
-    elasticity, pairs, jump = free_boxes(distribution)
-    whole, half = (elasticity.stiffness(pairs, symmetric) for symmetric in (False, True))
-    for blocks in (whole, half):
-        reserve(blocks.mat, jump)
-        PenaltyTerm(jump, pairs.stiffness).add_to(blocks.mat)
-    assert half.symmetric and not whole.symmetric
-    info = half.mat.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)
-    foreseen, every = (WORLD.allreduce(sum(int(one.sum()) for one in m.row_lengths)) for m in (half, whole))
-    diagonal = whole.mat.getSize()[0] // 3
-    assert info["nz_used"] == info["nz_allocated"] == 9 * foreseen and 2 * foreseen - diagonal == every
-
-    x, expected = whole.mat.createVecs()
-    x.array[:] = np.sin(scramble(np.arange(*whole.mat.getOwnershipRange()), 5).astype(float))
-    whole.mat.mult(x, expected)
-    for mat in (half.mat, as_aij(half.mat)):
-        found = expected.duplicate()
-        mat.mult(x, found)
-        assert (found - expected).norm() < 1e-13 * expected.norm()
-    rows, columns = np.arange(*whole.mat.getOwnershipRange()), np.arange(whole.mat.getSize()[0])
-    here, blocks = (
-        mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()).getValues(rows.astype("i4"), columns.astype("i4"))
-        for mat in (whole.mat, diagonal_blocks(half.mat))
-    )
-    expected = np.where(rows[:, None] // 3 == columns // 3, here, 0.0)
-    everywhere(np.abs(blocks - expected).max(initial=0.0) < 1e-14 * np.abs(here).max(initial=1.0), "other blocks")
-
-
-def test_diagonal_blocks_of_a_rank_without_rows():
-    """They are those of the other ranks."""
-    size = 6 if WORLD.rank == 0 else 0
-    mat = PETSc.Mat().create(WORLD)
-    mat.setSizes([[size, 6]] * 2, bsize=3)
-    mat.setType(PETSc.Mat.Type.SBAIJ)
-    mat.setPreallocationNNZ((2, 0))
-    block = np.array([[4.0, 1.0, 0.0], [1.0, 5.0, 2.0], [0.0, 2.0, 6.0]])
-    for row, column in [(0, 0), (0, 1), (1, 1)] if size else []:
-        mat.setValuesBlocked([row], [column], (1 + row + column) * block)
-    mat.assemble()
-    blocks = diagonal_blocks(mat)
-    x, y = blocks.createVecs()
-    x.set(1.0)
-    blocks.mult(x, y)
-    expected = np.concatenate([block.sum(axis=1), 3 * block.sum(axis=1)])
-    everywhere((y.array == expected[: len(y.array)]).all() and len(y.array) == size, "other blocks")
 
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))

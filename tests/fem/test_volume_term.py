@@ -1,15 +1,12 @@
 """The volume term of the mixed form: what the matrix lacks, moments of known divergences."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from conftest import WORLD, everywhere
 from model_problems import DISTRIBUTIONS, STEEL, conforming_positions, discrete, grown, pressed, roots, two_boxes
 from mpi4py import MPI
-from petsc4py import PETSc
 
-from fx_contact import Elastic, Material
+from fx_contact import Material
 from fx_contact.fem.supports import Supports
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
@@ -84,32 +81,6 @@ def _with_an_oblique_plane(position):
     nodes = np.flatnonzero((position[:, 0] > 0.5) & free.all(axis=1))
     along = np.broadcast_to(np.eye(3) - np.outer(normal, normal), (len(nodes), 3, 3))
     return Supports(np.where(free, np.nan, 0.0), (nodes, along))
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
-def test_diagonal_blocks_alone(distribution, degree):
-    """They are those of the whole matrix, with hanging nodes, rubber and springs, and the held forces too."""
-    scene = pressed(two_boxes(distortion=0.15), materials=(STEEL, RUBBER))
-    scene = replace(scene, springs=(Elastic("upper x high", normal=3.0, x=2.0),))
-    forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2, share=0.2))
-    elasticity = discrete(scene, forest, degree=degree)
-    assert elasticity.prolongation.hanging_global > 0 and elasticity.springs is not None
-    position, _ = conforming_positions(forest, elasticity.prolongation)
-    supports = _with_an_oblique_plane(position)
-    blocks = [elasticity.stiffness(supports=supports, blocks=which) for which in ("all", "diagonal")]
-    for one in blocks:
-        one.mat.assemble()
-    whole, alone = ([m.mat.getValues(i, i) for i in _unknowns_of_nodes(m.mat)] for m in blocks)
-    assert blocks[1].mat.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] == 3 * blocks[1].mat.getSize()[0]
-    size = WORLD.allreduce(float(np.abs(whole).max(initial=0)), op=MPI.MAX)
-    everywhere(np.allclose(alone, whole, rtol=0, atol=1e-14 * size), "other blocks")
-    everywhere(np.allclose(blocks[0].held, blocks[1].held, rtol=0, atol=1e-14 * size), "other held forces")
-
-
-def _unknowns_of_nodes(mat):
-    """Global numbers of this rank's unknowns, (owned, 3)."""
-    return np.arange(*mat.getOwnershipRange(), dtype=np.int32).reshape(-1, 3)
 
 
 def test_rows(problem):

@@ -192,7 +192,7 @@ def test_a_body_just_beyond_friction(part):
 def test_a_body_that_tips_or_is_lifted():
     """Friction would carry the load of the former; nothing holds the latter."""
     tips = cubes("pairs", 3 * MU, tractions=[Traction("cube top", (0.6 * PRESSURE, 0.0, -PRESSURE))])
-    with pytest.raises(SolveError, match="slides or tips: friction carries about [^ ]+; .*resultant inside"):
+    with pytest.raises(SolveError, match="slides or tips.* friction carries about [^ ]+; .*resultant inside"):
         next(adapt(tips, 0.9, degree=1))
     held = Dirichlet("cube left", x=0.0), Dirichlet("cube front", y=0.0)
     lifted = cubes("pairs", MU, held=held, tractions=[Traction("cube top", (0.0, 0.0, PRESSURE / 10))])

@@ -27,6 +27,7 @@ from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
+from fx_contact.fem.sum_factorisation import matrix_free
 from fx_contact.law.contact_solver import solve_contact, solve_system
 from fx_contact.linalg import ladder
 from fx_contact.linalg.mixed_form import FlexibleGmres
@@ -53,7 +54,7 @@ class Problem:
         """ContactProblem, in the mixed form or with the whole stiffness assembled."""
         rows = create_rows(self.scene, self.prolongation, enforcement)
         return ContactProblem(
-            matrix=self.elasticity.stiffness(rows, symmetric=True, mixed=mixed, supports=self.supports),
+            matrix=matrix_free(self.elasticity, rows, mixed, self.supports),
             load=np.zeros_like(self.supports.prescribed),
             supports=self.supports,
             energy_norm=self.elasticity.energy_norm,

@@ -1,5 +1,6 @@
 """PETSc's own habits: options from a dict and from the command line, monitors, -log_view with our stages, -help."""
 
+import ctypes
 import re
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import pytest
 from conftest import WORLD, outside
 
 from fx_contact import Solver, adapt
+from fx_contact.linalg import petsc_objects
 from fx_contact.parallel.timing import STAGES
 from fx_contact.scenes import patch
 
@@ -18,6 +20,7 @@ PROGRAM = """
 import sys, petsc4py
 petsc4py.init(sys.argv)
 from fx_contact import Solver, adapt
+from fx_contact.linalg import petsc_objects
 from fx_contact.scenes import patch
 *_, step = adapt(patch(cells=(1, 1, 2)), 0.1, solver=Solver(options={"pc_type": "jacobi", "ksp_view": None}))
 """
@@ -107,3 +110,22 @@ def test_help(tmp_path):
     log = demo(tmp_path, "-help -fx_mg_coarse_pc_hypre_boomeramg_max_iter 1")  # else the coarse level has factors
     assert "-fx_ksp_max_it" in log and "-fx_mg_coarse_pc_hypre_boomeramg_strong_threshold: <now 0.7" in log
     assert "usage: hertz.py" in demo(tmp_path, "--help")
+
+
+@pytest.mark.parametrize("kind", [ctypes.c_int, ctypes.c_bool])
+def test_type_of_petsc_bool(monkeypatch, kind):
+    """By the bytes that PETSc writes: of an int, or of one byte."""
+    true = bytes(kind(True))
+
+    class Library:
+        """PETSc of some release."""
+
+        def __init__(self, _):
+            """Loaded."""
+
+        def PetscInitialized(self, place):  # noqa: N802
+            """Writes a PetscBool."""
+            ctypes.memmove(place, true, len(true))
+
+    monkeypatch.setattr(petsc_objects.ctypes, "CDLL", Library)
+    assert petsc_objects.bool_type() is kind

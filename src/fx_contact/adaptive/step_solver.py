@@ -33,6 +33,7 @@ from fx_contact.fem.nodal_fields import NodalFields
 from fx_contact.fem.nodal_strain import stress_free_strain
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.springs import Springs
+from fx_contact.fem.sum_factorisation import matrix_free
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.law.contact_solver import ContactSolution, solve_system
@@ -156,8 +157,8 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
     with stages("assemble"):
         mixed = elasticity.mixed and settings.solver.preconditioner != "cholesky"  # factors take all of K
         coarse = create_coarse_level(elasticity, supports) if settings.multigrid else None
-        symmetric = coarse is not None and coarse.blocks is None  # PETSc takes blocks of nodes out of BAIJ faster
-        matrix = elasticity.stiffness(rows, symmetric, mixed, supports)
+        entries = coarse is None or coarse.blocks is not None  # factors, hypre and blocks of nodes need them
+        matrix = (Elasticity.stiffness if entries else matrix_free)(elasticity, rows, mixed, supports)
         volume = elasticity.volume_term(supports) if mixed else None
     problem = ContactProblem(
         matrix=matrix,
@@ -300,9 +301,8 @@ def _errors_of_goals(
     """Errors of contact and of the user's goals; those that need adjoint solutions once the tolerance is `met`."""
     control, contacts = settings.control, state.scene.contact
     holds_contact = state.rows is not None and control.of_contact
-    forces = {}
-    if holds_contact:
-        forces = force_goals([pair.name for pair in contacts], figures.pair_forces, settings.tolerance)
+    pair_forces = figures.pair_forces if holds_contact else ()
+    forces = force_goals([pair.name for pair in contacts], pair_forces, settings.tolerance)
     goals = *forces.values(), *settings.goals
     judged = judge_goals(goals, duals if met else None, state, residual, theta, control)
     of_user = judged[len(forces) :]

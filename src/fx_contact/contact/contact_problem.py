@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from petsc4py import PETSc
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.enforcement import Enforcement
@@ -13,7 +12,6 @@ from fx_contact.fem.supports import Supports
 from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.linalg.linear_solver import LinearSolver, suited
 from fx_contact.linalg.matrix import BlockMatrix
-from fx_contact.linalg.operator import MatrixOperator, Operator
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.solver_options import Solver
@@ -47,8 +45,7 @@ class ContactProblem:
     """K u + B^T f = L with f >= 0, B u <= D, f (B u - D) = 0; in rows of ties B u = 0; without rows K u = L.
 
     Attributes:
-        matrix: K without `volume`, made with the same supports, not yet assembled; the solution frees it.  Beside an
-            operator it need only be close to K, for the preconditioner and the first guess.
+        matrix: K without `volume`, made with the same supports, not yet assembled; the solution frees it.
         load: (owned, 3), L [N].
         supports: at the owned conforming nodes.
         energy_norm: omega (4).
@@ -60,8 +57,6 @@ class ContactProblem:
         rows_at: the rows for distances (k,) of obstacles along the forces on them [m]; collective.  None: there are no
             such obstacles.
         distances: (k,), where they begin [m].
-        operator: K without `volume` and rows, positive definite and uncoupled in constrained directions; None: the
-            matrix.
     """
 
     matrix: BlockMatrix
@@ -75,17 +70,12 @@ class ContactProblem:
     before: History = field(default_factory=History)
     rows_at: Callable[[FloatArray], ConstraintRows] | None = None
     distances: FloatArray = field(default_factory=lambda: np.zeros(0))
-    operator: Operator | None = None
-
-    def stiffness(self, mat: PETSc.Mat, objects: PetscObjects) -> Operator:
-        """K without `volume` and rows: the operator, or an assembled matrix of K.  Collective on matrix.comm."""
-        return MatrixOperator(mat, objects) if self.operator is None else self.operator
 
     def linear_solver(self, solver: Solver, objects: PetscObjects) -> LinearSolver:
         """LinearSolver of K, which owns the matrix.  Collective on matrix.comm.  Raises errors as `LinearSolver`."""
         matrix = suited(self.matrix, solver, self.coarse)
-        operator = self.stiffness(objects.add(matrix.mat), objects)
-        return LinearSolver(operator, matrix, solver, self.energy_norm, objects, self.coarse, self.volume)
+        objects.add(matrix.mat)
+        return LinearSolver(matrix, solver, self.energy_norm, objects, self.coarse, self.volume)
 
 
 @dataclass(frozen=True)

@@ -58,8 +58,6 @@ class PenaltyTerm(Operator):
 class MatrixPenalty:
     """The penalty term that a solver's matrix contains, of rows with the directions that they had then.
 
-    An operator that is not that matrix has none: the whole term then stands beside it.
-
     Collective on the prolongation's comm.
 
     Args:
@@ -89,8 +87,6 @@ class MatrixPenalty:
 
     def equations(self, jump: Jump, load: FloatArray, stiffness: FloatArray, projector: Projector) -> Equations:
         """Equations of K + B^T k B for k (n,), whose difference to the matrix is a term beside it."""
-        if not self._solver.follows_matrix:
-            return Equations(load, PenaltyTerm(jump, stiffness), projector)
         if jump.matrix is not self._jump.matrix:
             former = self._jump.with_gap(np.zeros_like(jump.gap))
             return Equations(

@@ -8,31 +8,16 @@ LNCS 13289.
 from dataclasses import replace
 
 import numpy as np
-from dolfinx import fem
-from scipy.sparse import csr_matrix, identity
+from scipy.sparse import csr_matrix
 
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.supports import Supports
 from fx_contact.linalg.matrix import BlockMatrix
-from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 
 
-def cell_matrices(form: fem.Form, rows: Int32Array, columns: Int32Array) -> tuple[IntArray, FloatArray]:
-    """Matrices of cells with dofmaps (n, k) and (n, l), of a bilinear form over them with discontinuous functions.
-
-    Collective on the mesh's communicator.  Returns positions of the cells in `rows`, (n,), in the order of the matrices
-    (n, k, l, 3, 3), or (n, k, l) of scalars.
-    """
-    matrix = fem.assemble_matrix(form)
-    blocks = () if set(matrix.block_size) == {1} else tuple(matrix.block_size)
-    data = np.asarray(matrix.data, dtype=np.float64)
-    return np.argsort(rows[:, 0]), data.reshape(-1, rows.shape[1], columns.shape[1], *blocks)
-
-
-def node_couplings(prolongation: Prolongation, cells: IntArray, diagonal: bool = False) -> csr_matrix:
-    """Couplings of the nodes of an index map by cells (n, k), nodes of the space, or with themselves: bool.  Local."""
-    if diagonal:
-        return identity(len(prolongation.numbers), dtype=bool, format="csr")
+def node_couplings(prolongation: Prolongation, cells: IntArray) -> csr_matrix:
+    """Couplings of the nodes of an index map by cells (n, k), nodes of the space: bool.  Local."""
     entries = np.ones(cells.size, dtype=bool), cells.ravel(), np.arange(0, cells.size + 1, cells.shape[1])
     touches = csr_matrix(entries, (len(cells), len(prolongation.space))) @ prolongation.matrix.astype(bool)
     return touches.T @ touches
@@ -76,13 +61,10 @@ class CellSum:
     Args:
         matrix: with room for the couplings of the cells.
         supports: at the owned conforming nodes, to eliminate; None: nothing is eliminated.
-        diagonal: add the blocks of 3 x 3 on the diagonal alone.
     """
 
-    def __init__(
-        self, prolongation: Prolongation, matrix: BlockMatrix, supports: Supports | None, diagonal: bool = False
-    ) -> None:
-        self._prolongation, self._matrix, self._diagonal = prolongation, matrix, diagonal
+    def __init__(self, prolongation: Prolongation, matrix: BlockMatrix, supports: Supports | None) -> None:
+        self._prolongation, self._matrix = prolongation, matrix
         self._supports = None if supports is None else supports.ghosted(prolongation)
         self._number, self._held = prolongation.numbers, prolongation.zeros(3)
 
@@ -92,9 +74,6 @@ class CellSum:
         if self._supports is not None:
             cells, forces = self._supports.eliminate(matrices, nodes)
             np.add.at(self._held, nodes[cells], forces)
-        if self._diagonal:
-            each = np.arange(k)
-            matrices, nodes, n, k = matrices[:, each, each], nodes.reshape(-1, 1), n * k, 1
         number = self._number[nodes]
         indptr, columns = np.arange(0, n * k * k + 1, k, dtype=np.int32), np.repeat(number, k, axis=0).ravel()
         self._matrix.mat.setValuesBlockedIJV(indptr, columns, matrices.ravel(), addv=True, rowmap=number.ravel())

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Literal, Protocol
+from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from fx_contact.fem.anisotropy import Anisotropy
 from fx_contact.fem.cell_products import CellSum, cell_constraints, constrained, node_couplings
-from fx_contact.fem.cell_stiffness import CellStiffness
+from fx_contact.fem.cell_stiffness import CellStiffness, parts
 from fx_contact.fem.displacement_field import DisplacementField, Integral
 from fx_contact.fem.leaf_mesh import LeafMesh
 from fx_contact.fem.nodal_spaces import NodalSpaces
@@ -32,9 +31,6 @@ from fx_contact.parallel.timing import Stages
 
 #: Poisson's ratio of the matrix A of the mixed form in such bodies, measured (`studies.incompressible.run --matrix`).
 MATRIX_POISSON = 0.3
-#: Entries of the cell matrices that are assembled at once: 16 MB, three times as much while they are made, four times
-#: on hanging nodes.
-_CHUNK = 1 << 21
 
 
 class Rows(Protocol):
@@ -95,9 +91,7 @@ class Elasticity(NodalSpaces):
         if self.projects:
             self._pointwise = fem.Function(constant)
             self._pointwise.x.array[cells] = ~self._soft
-            self._projection = VolumeProjection(
-                self.space_of(3, discontinuous=True), prolongation.space.degree, self._compiled
-            )
+            self._projection = VolumeProjection(self.mesh, self.cell_stiffness())
         self._stress_free = None if stress_free is None else self.of_cells(stress_free)
         self.argument = self.blank()
         self._integrals: dict[str, Integral] = {}
@@ -223,22 +217,15 @@ class Elasticity(NodalSpaces):
         return bool(self.projects and self.prolongation.space.degree > 1)
 
     def stiffness(
-        self,
-        rows: Rows | None = None,
-        symmetric: bool = False,
-        mixed: bool = False,
-        supports: Supports | None = None,
-        blocks: Literal["all", "diagonal"] = "all",
+        self, rows: Rows | None = None, mixed: bool = False, supports: Supports | None = None
     ) -> BlockMatrix:
         """P^T K P on the conforming unknowns before `mat.assemble`, with room for the blocks of contact rows.
 
         Collective on mesh.comm.
 
         Args:
-            symmetric: as in `create_matrix`.
             mixed: without `volume_term`.
             supports: at the owned conforming nodes, to eliminate; None: nothing is eliminated.
-            blocks: of 3 x 3 that a preconditioner needs: all, or those on the diagonal.
 
         Returns:
             the matrix, with its `held` forces if there are supports.
@@ -246,20 +233,16 @@ class Elasticity(NodalSpaces):
         Raises:
             SolveError: the matrix would not fit into the memory.
         """
-        comm, imap = self.prolongation.comm, self.prolongation.index_map
-        diagonal = blocks == "diagonal"
-        graph = node_couplings(self.prolongation, self.cells, diagonal)
-        if rows is not None and not diagonal:
+        graph = node_couplings(self.prolongation, self.cells)
+        if rows is not None:
             graph = graph + rows.couplings()
-        matrix = create_matrix(comm, graph, imap, symmetric)
-        total = CellSum(self.prolongation, matrix, supports, diagonal)
+        matrix = create_matrix(self.prolongation.comm, graph, self.prolongation.index_map)
+        total = CellSum(self.prolongation, matrix, supports)
         hangs = self.prolongation.hanging[self.cells].any(axis=1)
-        kernel = self._cell_stiffness()
+        kernel = self.cell_stiffness(mixed)
         for some in (np.flatnonzero(~hangs), np.flatnonzero(hangs)):
-            for part in self._chunks(some):
+            for part in parts(some, 9 * self.cells.shape[1] ** 2):
                 matrices = kernel.matrices(part)
-                if self.projects:
-                    self._add_projected(matrices, part, mixed)
                 nodes: IntArray = self.prolongation.conforming[self.cells[part]]
                 if hangs[part].any():
                     nodes, weights = cell_constraints(self.prolongation, self.cells[part])
@@ -287,49 +270,29 @@ class Elasticity(NodalSpaces):
                 self._integrals[name] = Integral(self.prolongation.comm, form, [self.argument])
         return self._integrals[name]
 
-    def _cell_stiffness(self) -> CellStiffness:
-        """Stiffness of cells, but for projected volume strains."""
+    def cell_stiffness(self, mixed: bool = False) -> CellStiffness:
+        """Stiffness of cells, `mixed`: without `volume_term`.  Local."""
         materials, material = self._materials
-        moduli = np.array([one.stiffness for one in materials])
+        moduli, volume = np.array([one.stiffness for one in materials]), None
         for number, one in enumerate(materials):
             if one.projected:
                 moduli[number] = one.isotropic.lame[1] * np.diag([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
-        return CellStiffness(self.leaf_mesh, self.prolongation.space.degree, moduli, material)
+        if self.projects:
+            first, second = (self._of_cells(lame) for lame in self.lame)
+            volume = np.where(self._soft, _first_lame(second) if mixed else first, 0.0)
+        return CellStiffness(self.leaf_mesh, self.prolongation.space.degree, moduli, material, volume)
 
     def volume_term(self, supports: Supports) -> VolumeTerm:
-        """The term of the mixed form beside its matrix.  Collective on mesh.comm."""
-        cells: list[IntArray] = []
-        parts: list[tuple[IntArray, FloatArray]] = []
-        for some in self._chunks(np.flatnonzero(self._soft)):
-            part, d = self._projection.moments(some, self._compiled)
-            orthonormal = np.linalg.cholesky(self._projection.inverse_mass[part]).transpose(0, 2, 1)
-            parts.append((self.cells[part][:, self.order], orthonormal @ d))
-            cells.append(np.repeat(part, d.shape[1]))
-        first, second = (np.concatenate([self._of_cells(lame, part) for part in cells]) for lame in self.lame)
+        """The term of the mixed form beside its matrix.  Local."""
+        soft, kernel = np.flatnonzero(self._soft), self.cell_stiffness()
+        moments = [(self.cells[part], kernel.moments(part)) for part in parts(soft, 9 * self.cells.shape[1] ** 2)]
+        each = np.repeat(soft, kernel.moments(soft[:1]).shape[1])
+        first, second = (self._of_cells(lame)[each] for lame in self.lame)
         in_matrix = _first_lame(second)
-        return VolumeTerm(self.prolongation, parts, first - in_matrix, 2 * second + in_matrix, supports)
+        return VolumeTerm(self.prolongation, moments, first - in_matrix, 2 * second + in_matrix, supports)
 
-    def _of_cells(self, lame: fem.Function, cells: IntArray) -> FloatArray:
-        return lame.x.array[lame.function_space.dofmap.list[cells, 0]]
-
-    def _add_projected(self, matrices: FloatArray, cells: IntArray, mixed: bool) -> None:
-        """Add D^T (lambda M^-1) D, m = D u, to matrices of cells with projected volume strains, nodes as in `cells`."""
-        soft = np.flatnonzero(self._soft[cells])
-        place = np.full(len(self._soft), -1)
-        place[cells[soft]] = soft
-        some, d = self._projection.moments(cells[soft], self._compiled)
-        first, k = self._of_cells(self.lame[0], some), d.shape[2] // 3
-        if mixed:
-            first = _first_lame(self._of_cells(self.lame[1], some))
-        d = d.reshape(*d.shape[:2], k, 3)[:, :, np.argsort(self.order)].reshape(d.shape)
-        product = d.transpose(0, 2, 1) @ (first[:, None, None] * self._projection.inverse_mass[some] @ d)
-        matrices[place[some]] += product.reshape(-1, k, 3, k, 3).transpose(0, 1, 3, 2, 4)
-
-    def _chunks(self, cells: IntArray) -> Iterator[IntArray]:
-        """Parts of this rank's cells, as many on all ranks."""
-        size = _CHUNK // (3 * self.cells.shape[1]) ** 2
-        parts = self.prolongation.comm.allreduce(-(-len(cells) // size), op=MPI.MAX)
-        return (cells[part * size : (part + 1) * size] for part in range(parts))
+    def _of_cells(self, lame: fem.Function) -> FloatArray:
+        return lame.x.array[lame.function_space.dofmap.list[:, 0]]
 
 
 def _first_lame(second: FloatArray) -> FloatArray:

@@ -141,6 +141,8 @@ class Prolongation:
 
     def ghosted(self, values: FloatArray) -> FloatArray:
         """Owned conforming values (owned, k), with those of the ghosts: (owned + ghosts, k).  Collective on comm."""
+        if self.comm.size == 1:
+            return values.copy()
         spread = self._vector(values.shape[1])
         spread.array[: values.size] = values.ravel()
         spread.scatter_forward()
@@ -162,7 +164,12 @@ class Prolongation:
             return sums[:, :-1] / sums[:, -1:]
 
     def summed(self, values: FloatArray) -> FloatArray:
-        """Sums (owned, k) over the ranks of values (owned + ghosts, k) at conforming nodes.  Collective on comm."""
+        """Sums (owned, k) over the ranks of values (owned + ghosts, k) at conforming nodes, on one rank the values.
+
+        Collective on comm.
+        """
+        if self.comm.size == 1:
+            return values
         gathered = self._vector(values.shape[1])
         gathered.array[:] = values.ravel()
         gathered.scatter_reverse(InsertMode.add)

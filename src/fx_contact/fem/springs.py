@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from fx_contact.fem.cell_products import CellSum, cell_constraints, constrained
 from fx_contact.fem.leaf_quadrature import faces_on, gauss_rule, integrands, shape_functions
@@ -117,6 +118,17 @@ class Springs:
             body = forest.mesh.body[forest.cell[part.leaves]]
             np.add.at(totals[part.support], body, np.concatenate([force.sum(axis=1), moment], axis=1))
         return totals
+
+    def matrix(self, place: IntArray, size: int) -> csr_matrix:
+        """S of nodal values (size, 3), of which nodes of the space have places (m,): (3 size, 3 size).  Local."""
+        each, result = np.arange(3), csr_matrix((3 * size, 3 * size))
+        for part in self._faces:
+            nodes = 3 * place[self._prolongation.space.cells[part.leaves[:, None], part.local]]
+            values = part.matrices()
+            row, column = nodes[:, :, None, None, None] + each[:, None], nodes[:, None, :, None, None] + each
+            both = (np.broadcast_to(which, values.shape).ravel() for which in (row, column))
+            result = result + csr_matrix((values.ravel(), tuple(both)), result.shape)
+        return result
 
     def add_to(self, total: CellSum) -> None:
         """Add P^T S P."""

@@ -36,6 +36,11 @@ class Supports:
             self._place[self._nodes] = np.arange(len(self._nodes))
 
     @property
+    def oblique_nodes(self) -> IntArray:
+        """(k,), nodes on oblique planes."""
+        return self._nodes if self.oblique else np.zeros(0, dtype=np.int64)
+
+    @property
     def values(self) -> FloatArray:
         """(n, 3), prescribed displacements [m], 0 where free."""
         return np.nan_to_num(self.prescribed)

@@ -9,6 +9,8 @@ whose condition is bounded for any lambda: at degree 2 the pair is stable (F. Br
 Element Methods, 1991).  For waves inside a body, D A^-1 D^T = 1 / (2 mu + lambda_A).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, diags, identity, kron, vstack
@@ -34,7 +36,7 @@ class VolumeTerm(PressureOperator):
     def __init__(
         self,
         prolongation: Prolongation,
-        moments: list[tuple[IntArray, FloatArray]],
+        moments: Sequence[tuple[IntArray, FloatArray]],
         missing: FloatArray,
         wave: FloatArray,
         supports: Supports,

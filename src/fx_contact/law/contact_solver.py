@@ -19,6 +19,7 @@ from fx_contact.law.initial_guess import move_bodies, relax
 from fx_contact.law.settling import settle
 from fx_contact.law.tangents import tangential_vectors
 from fx_contact.law.unilateral import Unilateral
+from fx_contact.linalg.operator import MatrixOperator
 from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.stopping import ROUNDING
 from fx_contact.parallel.arrays import BoolArray, FloatArray
@@ -257,7 +258,7 @@ def _impose(problem: ContactProblem) -> tuple[FloatArray, FloatArray]:
         raise SolveError("the matrix is made without supports: Elasticity.stiffness(supports=...) eliminates them")
     load = supports.free_part(problem.load - problem.matrix.held)
     with PetscObjects() as objects:
-        diagonal = problem.stiffness(matrix, objects).diagonal()
+        diagonal = MatrixOperator(matrix, objects).diagonal()
     comm = problem.matrix.comm
     total = comm.allreduce(float(diagonal.sum()))
     finite = bool(np.isfinite(total) and total > 0 and np.isfinite(load).all())

@@ -11,7 +11,7 @@ from fx_contact.linalg import ladder
 from fx_contact.linalg.krylov import ConjugateGradients, KrylovMethod
 from fx_contact.linalg.matrix import BlockMatrix, shift_diagonal
 from fx_contact.linalg.mixed_form import FlexibleGmres
-from fx_contact.linalg.operator import Equations, MatrixOperator, Operator, PressureOperator, Sum
+from fx_contact.linalg.operator import Equations, MatrixOperator, PressureOperator, Sum
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.petsc_objects import PetscObjects, PetscOptions
 from fx_contact.linalg.solver_options import PRECONDITIONERS, Solver
@@ -47,15 +47,13 @@ class LinearSolver:
     Collective on matrix.comm.
 
     Args:
-        operator: A, symmetric positive definite.  A `MatrixOperator` of the matrix changes with it, others do not.
-        matrix: A or close to it, for the preconditioner, as of `suited`.
+        matrix: A, symmetric positive definite, as of `suited`.
         coarse: level below the matrix, for p-multigrid.
         volume: V; None: 0.
 
     Attributes:
         preconditioner: the present one, a key of `PRECONDITIONERS`, or PETSc's or hypre's name of the user's own.
         matrix: the given one, in blocks of 3; `set_up` must follow a change.
-        follows_matrix: True if A changes with the matrix.
         iterations: of each solve.
         energy_error: bound of the last solution's error in the energy norm [J^(1/2)].
 
@@ -66,7 +64,6 @@ class LinearSolver:
 
     def __init__(
         self,
-        operator: Operator,
         matrix: BlockMatrix,
         solver: Solver,
         energy_norm: EnergyNorm,
@@ -75,8 +72,8 @@ class LinearSolver:
         volume: PressureOperator | None = None,
     ) -> None:
         self._comm, self._energy_norm, self._objects = matrix.comm, energy_norm, objects
-        self.matrix, self._operator, self._coarse, self._volume = matrix.mat, operator, coarse, volume
-        self.follows_matrix = isinstance(operator, MatrixOperator) and operator.mat is matrix.mat
+        self.matrix, self._coarse, self._volume = matrix.mat, coarse, volume
+        self._operator = MatrixOperator(matrix.mat, objects)
         self._unknowns, self._most = self.matrix.getSize()[0], solver.max_krylov
         name, of_user = ladder.first_name(solver, coarse), _of_user(self._comm, solver)
         self._singular = False

@@ -1,33 +1,67 @@
-"""The conforming matrix: blocks of 3 x 3, for p-multigrid the diagonal and what is above it, or hypre's format.
+"""The conforming matrix: in blocks of 3 x 3, in hypre's format, or cell by cell with the entries of contact beside it.
 
-A product reads each stored block once: half of them if the matrix is symmetric, by our own loop (`symmetric_product`).
 PETSc's conversion to hypre's format goes through coordinate lists and keeps them, three times the memory of the matrix.
 Copied into preallocated rows, the matrix exists twice during the copy, and once during the solve.
 """
 
+from __future__ import annotations
+
 import ctypes
-from dataclasses import dataclass
+from abc import abstractmethod
+from dataclasses import dataclass, replace
 
 import numpy as np
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix, spmatrix
+from scipy.sparse import bsr_matrix, csr_matrix, spmatrix
 
+from fx_contact.linalg.operator import Operator
 from fx_contact.linalg.petsc_objects import clear_hypre_errors
-from fx_contact.linalg.symmetric_product import product_library, replace_product
 from fx_contact.parallel.arrays import FloatArray, Int32Array
 from fx_contact.parallel.errors import SolveError
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.memory import check_memory
 from fx_contact.parallel.mpi import together
 
-#: Memory that a block of 3 x 3 takes in the preconditioner, with it in the matrix, and in a copy in hypre's format.  A
-#: block of a symmetric matrix stands for two in the preconditioner.
-_PRECONDITIONER_BYTES = 50
-_BLOCK_BYTES, _COPY_BYTES = 76 + _PRECONDITIONER_BYTES, 108
+#: Memory that a block of 3 x 3 takes in the matrix with its preconditioner, and in a copy in hypre's format.
+_BLOCK_BYTES, _COPY_BYTES = 126, 108
 #: Part of the diagonal that makes a matrix definite: above rounding, below the stiffness of a body of a million nodes.
 _REGULAR = 1e-10
+
+
+class CellOperator(Operator):
+    """A symmetric positive operator that is applied cell by cell, without entries."""
+
+    @abstractmethod
+    def blocks(self) -> FloatArray:
+        """(owned, 3, 3), its blocks on the diagonal, or close to them [N/m].  Collective."""
+
+    @abstractmethod
+    def assembled(self) -> BlockMatrix:
+        """The same with its entries, not yet assembled.  Collective."""
+
+
+class _Beside:
+    """A `CellOperator` and a matrix of entries, as PETSc calls their sum."""
+
+    def __init__(self, operator: CellOperator, entries: PETSc.Mat, blocks: PETSc.Mat) -> None:
+        self.operator, self.entries, self.blocks = operator, entries, blocks
+
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self.entries.mult(x, y)
+        self.operator.add_product(x.array_r.reshape(-1, 3), y.array.reshape(-1, 3))
+
+    def getDiagonal(self, _: PETSc.Mat, diagonal: PETSc.Vec) -> None:  # noqa: N802, PETSc's name
+        self.blocks.getDiagonal(diagonal)
+
+    def assemblyEnd(self, *_: object) -> None:  # noqa: N802, PETSc's name
+        self.entries.assemble()
+        self.blocks.assemble()
+
+    def destroy(self, _: PETSc.Mat) -> None:
+        self.entries.destroy()
+        self.blocks.destroy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +69,7 @@ class BlockMatrix:
     """A square matrix on the conforming unknowns.
 
     Attributes:
-        mat: BAIJ with blocks of 3, or SBAIJ, from whose additions PETSc drops the blocks below the diagonal.
+        mat: BAIJ with blocks of 3, or PETSc's "python" of `with_operator`.
         row_lengths: two (owned,), blocks stored of each owned row, in columns of this rank and of others.
         held: (owned, 3), forces K u_D of the prescribed displacements, which are eliminated, where unknowns are free
             [N]; None: nothing is eliminated.
@@ -46,14 +80,9 @@ class BlockMatrix:
     row_lengths: tuple[Int32Array, Int32Array]
     held: FloatArray | None = None
 
-    @property
-    def symmetric(self) -> bool:
-        """True if the blocks below the diagonal are not stored.  Local."""
-        return is_symmetric(self.mat)
-
     def in_format_of(self, kind: str) -> PETSc.Mat:
         """The matrix for a type of PC: for hypre's a copy in the place of a BAIJ matrix.  Collective on comm."""
-        if kind != PETSc.PC.Type.HYPRE or self.symmetric:
+        if kind != PETSc.PC.Type.HYPRE or _beside(self.mat) is not None:
             return self.mat
         result = self._in_hypre_format()
         self.mat.destroy()
@@ -80,40 +109,64 @@ class BlockMatrix:
         return result
 
 
-def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, symmetric: bool = False) -> BlockMatrix:
+def create_matrix(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap) -> BlockMatrix:
     """An empty matrix with room for the couplings of nodes, no more.
 
     Collective on comm.  The graph, bool and square, has the couplings known to this rank, of the nodes of `imap`, owned
-    and ghosts.  A `symmetric` matrix, for p-multigrid, is SBAIJ; other preconditioners take a copy in AIJ.
+    and ghosts.
 
     Raises:
         SolveError: the matrix and its preconditioner would not fit into the memory that the hosts have left.
-        CompilationError: as `library`, of a symmetric matrix.
     """
-    lengths = _row_lengths(comm, graph, imap, symmetric)
-    block = _BLOCK_BYTES + (_PRECONDITIONER_BYTES if symmetric else _COPY_BYTES)
-    needed = block * sum(int(length.sum()) for length in lengths)
+    lengths = _row_lengths(comm, graph, imap)
+    needed = (_BLOCK_BYTES + _COPY_BYTES) * sum(int(length.sum()) for length in lengths)
     what = f"the system of {3 * imap.size_global:,} unknowns"
     check_memory(comm, what, needed, "ask for a larger tolerance, or use more hosts")
-    compiled = product_library(comm) if symmetric else None
     mat = PETSc.Mat().create(comm)
     mat.setSizes([[3 * imap.size_local, 3 * imap.size_global]] * 2, bsize=3)
-    mat.setType(PETSc.Mat.Type.SBAIJ if symmetric else PETSc.Mat.Type.BAIJ)
+    mat.setType(PETSc.Mat.Type.BAIJ)
     mat.setPreallocationNNZ(lengths)
-    if compiled is not None:
-        mat.setOption(PETSc.Mat.Option.IGNORE_LOWER_TRIANGULAR, True)
-        replace_product(mat, compiled)
     # PETSc sets it where there are rows; where a rank has none the collectives of the assembly would not match.
     mat.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
     return BlockMatrix(comm, mat, lengths)
 
 
+def with_operator(operator: CellOperator, entries: BlockMatrix) -> BlockMatrix:
+    """The sum of an operator and a matrix, to whose entries `add_blocks` adds.  Collective on entries.comm."""
+    mat = PETSc.Mat().create(entries.comm)
+    mat.setSizes(entries.mat.getSizes(), bsize=3)
+    mat.setType(PETSc.Mat.Type.PYTHON)
+    mat.setPythonContext(_Beside(operator, entries.mat, _block_diagonal(entries.mat, operator.blocks())))
+    mat.setUp()
+    return replace(entries, mat=mat)
+
+
+def _beside(mat: PETSc.Mat) -> _Beside | None:
+    return mat.getPythonContext() if mat.type == PETSc.Mat.Type.PYTHON else None
+
+
+def _block_diagonal(mat: PETSc.Mat, blocks: FloatArray) -> PETSc.Mat:
+    """Blocks (owned, 3, 3) as BAIJ with the layout of a matrix."""
+    first, count = mat.getOwnershipRange()[0] // 3, len(blocks)
+    each = np.arange(count + 1, dtype=PETSc.IntType)
+    csr = each, first + each[:-1], blocks.swapaxes(1, 2).ravel()  # by columns
+    return PETSc.Mat().createBAIJ(mat.getSizes(), 3, csr=csr, comm=mat.comm)
+
+
 def add_blocks(mat: PETSc.Mat, product: spmatrix, number: Int32Array) -> None:
     """Add a product (3 n, 3 n) to a matrix in blocks of 3, zeros too, at n blocks by their global numbers.  Local."""
     blocks = product.tobsr((3, 3))
+    beside = _beside(mat)
+    if beside is not None:
+        row = np.repeat(np.arange(len(number)), np.diff(blocks.indptr))
+        on = blocks.indices == row
+        first = np.searchsorted(row[on], np.arange(len(number) + 1))
+        of_nodes = bsr_matrix((blocks.data[on], row[on], first), shape=blocks.shape)
+        add_blocks(beside.blocks, of_nodes, number)
     rows = np.flatnonzero(np.diff(blocks.indptr))
     indptr = np.append(blocks.indptr[rows], len(blocks.indices)).astype(np.int32)
     columns, add = number[blocks.indices], PETSc.InsertMode.ADD
+    mat = mat if beside is None else beside.entries
     mat.setValuesBlockedIJV(indptr, columns, blocks.data, addv=add, rowmap=number[rows])
 
 
@@ -125,30 +178,13 @@ def shift_diagonal(mat: PETSc.Mat) -> None:
     diagonal.destroy()
 
 
-def is_symmetric(mat: PETSc.Mat) -> bool:
-    """True if a matrix is SBAIJ.  Local."""
-    return "sbaij" in mat.type
-
-
 def diagonal_blocks(mat: PETSc.Mat) -> PETSc.Mat:
-    """The 3 x 3 blocks on the diagonal of an SBAIJ matrix as BAIJ, for smoothers; of another format the matrix itself.
+    """The 3 x 3 blocks on the diagonal of a sum with an operator as BAIJ, for smoothers; else the matrix itself.
 
-    Collective on mat.comm.  Not to be destroyed by the caller: Python's references do that.
+    Local.  Not to be destroyed by the caller.
     """
-    if not is_symmetric(mat):
-        return mat
-    here = mat.getDiagonalBlock()
-    indptr, _ = here.getRowIJ(compressed=True)
-    values, lib = ctypes.c_void_p(), ctypes.CDLL(PETSc.__file__)  # petsc4py lacks the array
-    lib.MatSeqSBAIJGetArray(ctypes.c_void_p(here.handle), ctypes.byref(values))
-    count, blocks = len(indptr) - 1, np.zeros((0, 9))
-    if count:  # else there is no array
-        every = np.ctypeslib.as_array(ctypes.cast(values, ctypes.POINTER(ctypes.c_double)), (9 * int(indptr[-1]),))
-        blocks = every.reshape(-1, 9)[indptr[:-1]]  # the diagonal one is the first of its row
-    lib.MatSeqSBAIJRestoreArray(ctypes.c_void_p(here.handle), ctypes.byref(values))
-    first = mat.getOwnershipRange()[0] // 3
-    csr = np.arange(count + 1, dtype=PETSc.IntType), first + np.arange(count, dtype=PETSc.IntType), blocks.ravel()
-    return PETSc.Mat().createBAIJ(mat.getSizes(), 3, csr=csr, comm=mat.comm)
+    beside = _beside(mat)
+    return mat if beside is None else beside.blocks
 
 
 def distributed(comm: MPI.Intracomm, matrix: csr_matrix, columns: IndexMap) -> PETSc.Mat:
@@ -162,22 +198,24 @@ def distributed(comm: MPI.Intracomm, matrix: csr_matrix, columns: IndexMap) -> P
 
 def as_aij(mat: PETSc.Mat) -> PETSc.Mat:
     """A copy of a symmetric positive definite matrix in PETSc's own format.  Collective on mat.comm."""
-    copy = mat.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+    beside, whole = _beside(mat), mat
+    if beside is not None:
+        whole = beside.operator.assembled().mat
+        whole.assemble()
+        whole.axpy(1.0, beside.entries, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    copy = whole.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+    if whole is not mat:
+        whole.destroy()
     copy.setBlockSizes(*mat.getBlockSizes())  # hypre's format has no block size, which adding blocks needs
     copy.setOption(PETSc.Mat.Option.SPD, True)  # MUMPS needs no pivoting
     return copy
 
 
-def _row_lengths(
-    comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap, symmetric: bool
-) -> tuple[Int32Array, Int32Array]:
-    """Blocks of each owned row in columns of this rank and of others, exactly; symmetric: not below the diagonal."""
+def _row_lengths(comm: MPI.Intracomm, graph: csr_matrix, imap: IndexMap) -> tuple[Int32Array, Int32Array]:
+    """Blocks of each owned row in columns of this rank and of others, exactly."""
     size, owned = imap.size_local + imap.num_ghosts, imap.size_local
     number = imap.local_to_global(np.arange(size, dtype=np.int32))
     rows, columns = np.repeat(np.arange(size), np.diff(graph.indptr)), graph.indices
-    if symmetric:
-        above = number[columns] >= number[rows]
-        rows, columns = rows[above], columns[above]
     near = np.bincount(rows[columns < owned], minlength=size)[:owned]
     far = np.bincount(rows[columns >= owned], minlength=size)[:owned]
 
