@@ -14,12 +14,12 @@ from fx_contact import solve
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.sum_factorisation import matrix_free
-from fx_contact.scenes import cube_indentation, hertz
+from fx_contact.scenes import hertz, indentation
 from studies.tables import options, tabulate
 
 REPETITIONS = 40
 #: Name -> scene and tolerance.
-CASES = {"curved": (hertz(displacement=0.005), 0.007), "affine": (cube_indentation(), 0.02)}
+CASES = {"curved": (hertz(displacement=0.005), 0.007), "affine": (indentation(), 0.02)}
 KINDS = {"assembled": Elasticity.stiffness, "cell by cell": matrix_free}
 
 

@@ -55,8 +55,11 @@ class LeafMesh:
         """
         functions = hexahedron.lagrange(self.order, np.linspace(0, 1, degree + 1))
         weights = np.kron(functions, np.kron(functions, functions))[:, basix_order(CellType.hexahedron, self.order)]
-        nodes = compat.geometry_nodes(self.mesh)[self._cell[leaf]]
-        return np.einsum("kn,kni->ki", weights[local], self.mesh.geometry.x[nodes])
+        nodes, result = compat.geometry_nodes(self.mesh), np.empty((len(leaf), 3))
+        for node in np.unique(local):
+            some, part = np.flatnonzero(local == node), np.flatnonzero(weights[node])
+            result[some] = weights[node, part] @ self.mesh.geometry.x[nodes[self._cell[leaf[some]][:, None], part]]
+        return result
 
 
 def create_leaf_mesh(forest: Forest, order: int) -> LeafMesh:

@@ -25,7 +25,7 @@ from fx_contact.linalg.stopping import EnergyNorm
 from fx_contact.parallel.arrays import FloatArray
 
 #: Iterations after which FGMRES restarts: more than it needs except on flat cells.  With two vectors of 28 / 24
-#: entries an unknown for each iteration it needs 200 * 8 * 28 / 24 = 1.9 kB an unknown, about as much as the matrix.
+#: entries an unknown for each iteration it needs 200 * 8 * 28 / 24 = 1.9 kB an unknown.
 _RESTART = 100
 #: Pressures of the last solutions that a first guess combines: of a displacement, and of its derivatives by distances
 #: of obstacles; and squared cosines of their angles from which on they count as alike.

@@ -1,7 +1,6 @@
 """Symmetric operators on displacements, and the equations (A + T) u = b that a linear solver is given.
 
-A `LinearSolver` has the stiffness A; a term T stands beside it and is never assembled.  A matrix-free stiffness is one
-more subclass of `Operator`.
+A `LinearSolver` has the stiffness A; a term T stands beside it and is never assembled.
 """
 
 from abc import ABC, abstractmethod

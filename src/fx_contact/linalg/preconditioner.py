@@ -51,7 +51,7 @@ class Preconditioner:
         copy = as_aij(matrix)
         if self._copy is None:
             self._copy = self._objects.add(copy)
-        else:  # the same object, whose sparsity MUMPS has analysed; converting into it spoils it from SBAIJ
+        else:  # the same object, whose sparsity MUMPS has analysed; converting into it spoils it
             copy.copy(self._copy, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
             copy.destroy()
         if self.volume is not None:
