@@ -46,20 +46,19 @@ from fx_contact import (  # noqa: E402
     Enforcement,
     ErrorControl,
     FxContactError,
-    LoadPath,
     Scene,
     SceneError,
     Solver,
     Step,
     StepRecord,
-    SweepPoint,
-    SweepRecord,
     adapt,
 )
 from fx_contact.adaptive.settings import DEGREE, check_tolerance  # noqa: E402
 from fx_contact.adaptive.step_record import TrueError  # noqa: E402
 from fx_contact.adaptive.step_record import undirected  # noqa: E402
 from fx_contact.adaptive.step_report import table_head, table_row  # noqa: E402
+from fx_contact.path.load_path import LoadPath, SweepPoint  # noqa: E402
+from fx_contact.path.sweep_record import SweepRecord  # noqa: E402
 from fx_contact.results import RecordWriter  # noqa: E402
 from fx_contact.results.analytic import Hertz  # noqa: E402
 from fx_contact.results.report import force_warnings, model_warnings, total_seconds  # noqa: E402

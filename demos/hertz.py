@@ -14,9 +14,9 @@ from common import COMM, Report, parse, parser, plain_errors, settings
 from fx_contact import Material, adapt
 from fx_contact.plot import draw_mesh, draw_pressure
 from fx_contact.results import true_error, write_fields
-from fx_contact.results.accuracy import contact_errors
+from hertz_reference import contact_errors
 from fx_contact.results.analytic import Hertz
-from fx_contact.results.reference_values import REFERENCES
+from hertz_reference import REFERENCES
 from fx_contact.scenes import hertz
 
 #: By degree, for a cell of degree 2 costs eight: tolerance, order of the root mesh, root cells along a block.

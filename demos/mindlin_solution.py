@@ -11,7 +11,8 @@ from typing import Self
 import numpy as np
 from matplotlib.figure import Figure
 
-from fx_contact import LoadPath, Material, Step, StepRecord
+from fx_contact import Material, Step, StepRecord
+from fx_contact.path.load_path import LoadPath
 from fx_contact.plot import draw_pressure
 from fx_contact.results.analytic import Hertz
 

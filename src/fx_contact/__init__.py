@@ -34,7 +34,6 @@ from fx_contact.parallel.errors import (
     SolveError,
     ValidityError,
 )
-from fx_contact.parallel.former import former_names
 from fx_contact.parallel.meeting import expect_end
 from fx_contact.path.load_path import increments, sweep
 from fx_contact.scene.scene import Scene
@@ -105,24 +104,4 @@ __all__ = [
     "sweep_side",
 ]
 
-#: Names of results, which no program makes, and of errors that are seldom caught, by their modules.
-_ELSEWHERE = {
-    "adaptive.adaptive_loop": "Run",
-    "adaptive.contact_table": "ContactTable",
-    "adaptive.step_record": "TrueError",
-    "estimate.goal_errors": "GoalRecord",
-    "parallel.errors": "CallError CompilationError PairingError PartitionError",
-    "path.load_path": "LoadPath SweepPoint",
-    "path.repetition": "Repetition",
-    "path.sweep_record": "SweepRecord",
-    "verdict.resultants": "Resultant",
-}
-__getattr__ = former_names(
-    __name__,
-    {name: f"fx_contact.{place}.{name}" for place, names in _ELSEWHERE.items() for name in names.split()}
-    | {
-        "ContactState": "fx_contact.adaptive.contact_table.ContactTable",
-        "Sweep": "fx_contact.path.load_path.LoadPath",
-    },
-)
 expect_end()

@@ -9,8 +9,8 @@ forces.csv in results/goals.
 
 from functools import partial
 
+from demos.hertz_reference import REFERENCES
 from fx_contact import adapt, scenes
-from fx_contact.results.reference_values import REFERENCES
 from studies.tables import options, tabulate
 
 SCENES = {"hertz": partial(scenes.hertz, order=6, coarse=2), "indentation": scenes.indentation, "punch": scenes.punch}

@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from demos.hertz_reference import REFERENCES
 from fx_contact import (
     ContactForce,
     ContactPair,
@@ -32,7 +33,6 @@ from fx_contact import (
     root_mesh_from_shapes,
     solve,
 )
-from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import cylinders, hertz
 from studies.goals.axisymmetric_punch import LARGEST_PRESSURE
 from studies.goals.rounded_punch import rounded_punch

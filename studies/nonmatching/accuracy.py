@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
+from demos.hertz_reference import hertz_a
 from fx_contact import (
     ContactPair,
     Dirichlet,
@@ -30,7 +31,6 @@ from fx_contact import (
 )
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.results import true_error
-from fx_contact.results.reference_values import hertz_a
 from studies.tables import options, tabulate
 
 PLANES = "x = 0", "y = 0", "z = 0"

@@ -19,11 +19,11 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from PIL import Image
 
+from demos.hertz_reference import hertz_a
 from fx_contact import Material, adapt, block, root_mesh_from_shapes, solve
 from fx_contact.plot import draw_bodies, draw_contact, draw_mesh, draw_pressure, plotter_for
 from fx_contact.plot.surfaces import contact_size
 from fx_contact.results import true_error
-from fx_contact.results.reference_values import hertz_a
 from fx_contact.scenes import cylinders, hertz, indentation, patch, punch, shrink_fit, spheres, stack
 
 DEMOS = Path(__file__).parents[2] / "demos"

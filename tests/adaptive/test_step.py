@@ -62,19 +62,6 @@ def integral(form):
     return WORLD.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM)
 
 
-def test_former_names(step):
-    """They give what they gave, with a warning; records of former versions are read."""
-    with pytest.warns(DeprecationWarning, match="carried"):
-        assert np.array_equal(step.along, step.carried)
-    with pytest.warns(DeprecationWarning, match="rows"):
-        assert step.pairs is step.rows
-    with pytest.warns(DeprecationWarning, match="penetrated_leaves"):
-        assert step.record.unseen_contact == step.record.penetrated_leaves
-    entries = step.record.as_json()
-    entries["unseen_contact"] = entries.pop("penetrated_leaves")
-    assert type(step.record).from_json(entries) == step.record
-
-
 def test_measure_of_a_surface(step):
     """ds(name) has the surface's area where facets hang; plain ds is over hanging facets too."""
     one = fem.Constant(step.mesh, 1.0)

@@ -11,7 +11,6 @@ from fx_contact import (
     ContactPair,
     Dirichlet,
     Material,
-    PairingError,
     Pressure,
     RigidPlane,
     Scene,
@@ -22,6 +21,7 @@ from fx_contact import (
     block,
     root_mesh_from_shapes,
 )
+from fx_contact.parallel.errors import PairingError
 
 pytestmark = pytest.mark.ranks(1, 2, 3)
 

@@ -57,8 +57,6 @@ def test_rod_between_walls(upper, turned, degree):
     scene = rod(upper, cut=CUT.reversed() if turned else CUT)
     step = solve(scene, 0.1, degree=degree, solver=EXACT)
     assert step.record.motions == {scene.ties[0].name: pytest.approx(2 * TENSION / YOUNG, rel=1e-8)}
-    with pytest.warns(DeprecationWarning):
-        assert step.record.approaches == [*step.record.motions.values()]
     found, down = forces(step), -1 if turned else 1
     assert found[scene.ties[0].name] == pytest.approx((0, 0, down * TENSION), abs=1e-8 * TENSION)
     assert found["upper top"] == pytest.approx((0, 0, TENSION), abs=1e-8 * TENSION)

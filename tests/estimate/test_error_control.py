@@ -244,6 +244,4 @@ def test_the_mode_energy_may_stop_on_the_first_mesh():
 def test_reports():
     """A control shows the parameters that it uses."""
     assert repr(ENERGY) == "ErrorControl(mode='energy')"
-    with pytest.warns(DeprecationWarning, match="trusted_effectivity"):
-        assert ErrorControl(trusted_effectivity=0.9) == CONTACT
     assert repr(CONTACT).startswith("ErrorControl(mode='contact', target=0.9, ") and eval(repr(CONTACT)) == CONTACT

@@ -10,6 +10,7 @@ from conftest import WORLD, everywhere
 from model_problems import EXACT
 from mpi4py import MPI
 
+from demos.hertz_reference import REFERENCES
 from fx_contact import (
     ContactForce,
     Dirichlet,
@@ -37,7 +38,6 @@ from fx_contact.estimate.goal_errors import judge_goals
 from fx_contact.estimate.quantities import Quantity
 from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.parallel.timing import Stages
-from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import hertz, indentation, stack
 from studies.goals.run import layers, square
 

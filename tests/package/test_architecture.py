@@ -14,9 +14,6 @@ FOLDER = Path(fx_contact.__file__).parent
 #: The rooms, from the ground up: each may import from those before it, and nothing else of ours.
 ROOMS = "parallel linalg geometry items surfaces scene forest fem contact law estimate verdict adaptive path".split()
 ROOMS += "results scenes plot command".split()
-#: Former packages, which hand on public names with a warning.
-FORMER = {"problem"}
-
 #: Modules that print, when they are asked to.
 SPEAKING = {"adaptive.step_report", "__main__"}
 OPTIONAL = {"gmsh", "matplotlib", "pyvista", "adios4dolfinx", "h5py"}
@@ -76,7 +73,7 @@ def packages(node):
 
 def test_every_module_is_in_a_room():
     """Beside the rooms there are only the public names, the runner of programs and the data."""
-    assert {room_of(name_of(path)) for path in MODULES} == {*ROOMS, *FORMER, "__init__", "__main__"}
+    assert {room_of(name_of(path)) for path in MODULES} == {*ROOMS, "__init__", "__main__"}
     assert len(MODULES) > 20
 
 
@@ -84,7 +81,7 @@ def test_every_module_is_in_a_room():
 def test_imports_point_downward(path):
     """A module imports from rooms below its own, or from modules of its own room."""
     room = room_of(name_of(path))
-    below = ROOMS if room.startswith("__") or room in FORMER else ROOMS[: ROOMS.index(room) + 1]
+    below = ROOMS if room.startswith("__") else ROOMS[: ROOMS.index(room) + 1]
     above = sorted(name for name in own_imports(tree_of(path)) if room_of(name) not in [*below, "fx_contact"])
     assert not above, f"{name_of(path)} imports {', '.join(above)}"
 

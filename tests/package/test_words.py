@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from conftest import WORLD
 
+from demos.hertz_reference import REFERENCES
 from fx_contact import (
     GeometryError,
     Material,
@@ -22,7 +23,6 @@ from fx_contact.parallel.validation import percent
 from fx_contact.plot import draw_mesh, draw_pressure
 from fx_contact.plot.canvas import axes_for, draw_on_first, plotter_for
 from fx_contact.results import RecordWriter, write_fields
-from fx_contact.results.reference_values import REFERENCES
 from fx_contact.scenes import patch, stack
 
 CUBE = root_mesh_from_shapes({"cube": block((0, 0, 0), (1, 1, 1), (1, 1, 1), 1)})

@@ -18,7 +18,6 @@ from fx_contact.parallel.errors import CallError
 from fx_contact.parallel.meeting import calling, collective
 from fx_contact.plot import draw_convergence, draw_mesh, draw_pressure, draw_stress
 from fx_contact.results import RecordWriter, true_error, write_fields
-from fx_contact.results.accuracy import contact_errors
 
 COMM = MPI.COMM_WORLD
 #: Where one rank goes another way: the last one, or the one to which all others speak.
@@ -44,7 +43,6 @@ CALLS = {
     "increments": lambda run, folder: increments(lambda _: run.step.scene, [1.0], 0.1),
     FIELDS: lambda run, folder: write_fields(run.step, folder),
     "true_error of step 0": lambda run, folder: true_error(run.step, 0.01),
-    "contact_errors of step 0": lambda run, folder: contact_errors(run.step, None),
     "RecordWriter": lambda run, folder: RecordWriter(folder, COMM),
     "Checkpoint": lambda run, folder: Checkpoint(folder, run.step.scene, COMM),
     "Beginning.uniform": lambda run, folder: Beginning.uniform(run.step.scene, 1),
@@ -260,7 +258,7 @@ def outcome(folder, program, ranks, *runner):
 def collective_calls():
     """Public functions and methods whose docstring says Collective: name and source."""
     of_results = {".adaptive.adaptive_loop": ["Run"], ".path.load_path": ["LoadPath"]}
-    of_results |= {".adaptive.contact_table": ["ContactTable"], ".results.accuracy": ["contact_errors"]}
+    of_results |= {".adaptive.contact_table": ["ContactTable"]}
     for place in ("", ".scenes", ".results", ".plot", *of_results):
         module = importlib.import_module("fx_contact" + place)
         for name in of_results.get(place, getattr(module, "__all__", ())):

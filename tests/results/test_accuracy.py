@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from conftest import everywhere
 
+from demos.hertz_reference import contact_errors, hertz_a, ssnv104
 from demos.manufactured_solution import adapt_manufactured
 from fx_contact import Dirichlet, Enforcement, Material, adapt, solve
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.parallel.errors import SceneError
-from fx_contact.results.accuracy import contact_errors, energy_distance, true_error
-from fx_contact.results.reference_values import hertz_a, ssnv104
+from fx_contact.results.accuracy import energy_distance, true_error
 from fx_contact.scenes import hertz, indentation, patch, stack
 
 

@@ -3,7 +3,6 @@
 import json
 import re
 from dataclasses import replace
-from importlib import import_module
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +10,7 @@ import pytest
 from conftest import WORLD, everywhere
 from model_problems import step_record
 
-import fx_contact
-from fx_contact import Step, StepRecord, adapt, adaptive, contact, plot, problem, results, solve, sweep
+from fx_contact import Step, StepRecord, adapt, solve, sweep
 from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.adaptive.step_report import table_head, table_row
 from fx_contact.estimate.goal_errors import GoalRecord
@@ -155,34 +153,6 @@ def test_table_of_a_load_path():
     caption, _, *rows = repr(path).splitlines()
     assert "2 of 2 points" in caption and len(rows) == 2
     assert rows[-1].split() == ["0.002", *table_row(last).split()]
-
-
-@pytest.mark.parametrize(
-    "room, name, now",
-    [
-        (fx_contact, "PairingError", "fx_contact.parallel.errors.PairingError"),
-        (fx_contact, "Run", "fx_contact.adaptive.adaptive_loop.Run"),
-        (results, "Hertz", "fx_contact.results.analytic.Hertz"),
-        (results, "contact_functions", "fx_contact.results.contact_surface.contact_grid"),
-        (results, "doubt_lines", "fx_contact.results.report.model_warnings"),
-        (results, "table_row", "fx_contact.adaptive.step_report.table_row"),
-        (contact, "create_node_pairs", "create_rows(scene, prolongation, enforcement)"),
-        (contact, "KINDS", "fx_contact.contact.row_kinds.KINDS"),
-        (adaptive, "solve", "fx_contact.solve"),
-        (plot, "draw_partition", "draw_mesh(step, path, zoom=None)"),
-        (problem, "Scene", "fx_contact.Scene"),
-    ],
-)
-def test_former_names(room, name, now):
-    """They say the new ones, and are them; a name that never was is an AttributeError."""
-    with pytest.warns(DeprecationWarning, match=re.escape(f"{room.__name__}.{name} is now {now}")):
-        found = getattr(room, name)
-    assert callable(found) or found
-    place, _, new = now.rpartition(".")
-    if place and new.isidentifier():
-        assert found is getattr(import_module(place), new)
-    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
-        room.nothing
 
 
 def test_state_of_contact():

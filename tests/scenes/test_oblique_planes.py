@@ -5,6 +5,7 @@ import pytest
 from conftest import everywhere
 from model_problems import ALONG, EXACT, grown, roots, wedge
 
+from demos.hertz_reference import hertz_a
 from fx_contact import (
     ContactPair,
     Dirichlet,
@@ -20,7 +21,6 @@ from fx_contact import (
 from fx_contact.adaptive.beginning import Beginning
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.geometry.shapes import rotation
-from fx_contact.results.reference_values import hertz_a
 from fx_contact.scenes import hertz, shrink_fit
 from studies.stability.twins import turned
 

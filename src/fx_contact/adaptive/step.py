@@ -1,6 +1,5 @@
 """The state after one adaptive step, with its dolfinx objects, contact and resultants."""
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,7 +12,6 @@ from dolfinx.mesh import Mesh, MeshTags, meshtags
 from fx_contact.adaptive.contact_table import ContactTable
 from fx_contact.adaptive.pyvista_grid import leaf_grid
 from fx_contact.adaptive.step_record import StepRecord, report_text
-from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.contact_goals import ContactError
 from fx_contact.estimate.shear_free import find_shear_free
 from fx_contact.estimate.solved_state import SolvedState
@@ -65,18 +63,6 @@ class Step(SolvedState):
     def carried(self) -> FloatArray:
         """The further fields of a Beginning on this mesh: (n, (p+1)^3, k).  Local."""
         return self.fields["carried"] if "carried" in self.fields else self.fields.array[..., :0]
-
-    @property
-    def along(self) -> FloatArray:
-        """Former name of `carried`."""
-        warnings.warn("Step.along is now Step.carried", DeprecationWarning, stacklevel=2)
-        return self.carried
-
-    @property
-    def pairs(self) -> ConstraintRows | None:
-        """Former name of `rows`."""
-        warnings.warn("Step.pairs is now Step.rows", DeprecationWarning, stacklevel=2)
-        return self.rows
 
     @property
     def leaf_mesh(self) -> LeafMesh:

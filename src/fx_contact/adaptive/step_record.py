@@ -1,6 +1,5 @@
 """The figures of one adaptive step, a line of `steps.jsonl`, and a report of them."""
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from typing import Any, Self
@@ -118,28 +117,10 @@ class StepRecord(SolveRecord, ContactFigures):
     def __str__(self) -> str:
         return f"{report_text(self)}\n  {costs(self)}"
 
-    @property
-    def unseen_contact(self) -> int | None:
-        """Former name of `penetrated_leaves`."""
-        warnings.warn("unseen_contact is now penetrated_leaves", DeprecationWarning, stacklevel=2)
-        return self.penetrated_leaves
-
-    @property
-    def approaches(self) -> list[Any] | None:
-        """Former `motions`, a list with an entry for each contact pair, tie and rigid load."""
-        warnings.warn("approaches is now motions, by name", DeprecationWarning, stacklevel=2)
-        return self._approaches()
-
-    def _approaches(self) -> list[Any] | None:
-        kinds = "contact", "tie", "rigid load"
-        names = (one.name for one in self.resultants or () if one.kind in kinds)
-        return [self.motions.get(name) for name in names] if self.motions else None
-
     def as_json(self) -> dict[str, Any]:
-        """The entries, without optional ones that are not known; with motions also their former list.  Local."""
+        """The entries, without optional ones that are not known.  Local."""
         entries = super().as_json()
-        former = entries.pop("motions") and {"motions": self.motions, "approaches": self._approaches()}
-        return entries | (former or {})
+        return entries if self.motions else {name: value for name, value in entries.items() if name != "motions"}
 
     @classmethod
     def from_json(cls, entries: dict[str, Any]) -> Self:
@@ -150,9 +131,6 @@ class StepRecord(SolveRecord, ContactFigures):
         Raises:
             TypeError: the entries are no dict, or lack one.
         """
-        entries = {_FORMER.get(name, name): value for name, value in entries.items()}
-        if entries.get("goals", ()) is None:  # before goals were a list in each record
-            del entries["goals"]
         known = {one.name: entries[one.name] for one in fields(cls) if one.name in entries}
         for name, kind in _KINDS.items():
             value = known.get(name)
@@ -167,8 +145,6 @@ class StepRecord(SolveRecord, ContactFigures):
         return cls(**known)
 
 
-#: Former names of entries.
-_FORMER = {"unseen_contact": "penetrated_leaves"}
 #: Classes of entries that are objects or lists of them.
 _KINDS: dict[str, type] = {
     "partition": PartitionSummary,

@@ -1,7 +1,6 @@
 """Error control: the choice of cells to refine, and the stopping criterion."""
 
-import warnings
-from dataclasses import InitVar, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -41,7 +40,6 @@ class ErrorControl:
         least_effectivity: theta on the first mesh of a run, whose error in (6) is xi / theta; 0.58 and more was
             measured, 0.37 and more in nearly incompressible bodies (studies.effectivity.first_mesh) [-].  On later
             meshes theta is 0.7, 0.85 and 1 at degree 1, 0.85 and 1 at degree 2 (`effectivity`).
-        trusted_effectivity: has no effect.
 
     Raises:
         SceneError: an unknown mode, or a number that is not positive or above 1.
@@ -49,12 +47,9 @@ class ErrorControl:
 
     mode: str = MODES[0]
     target: float = 0.9
-    trusted_effectivity: InitVar[float | None] = None
     least_effectivity: float = 0.4
 
-    def __post_init__(self, trusted_effectivity: float | None) -> None:
-        if trusted_effectivity is not None:
-            warnings.warn("trusted_effectivity has no effect any more", DeprecationWarning, stacklevel=3)
+    def __post_init__(self) -> None:
         check_name("mode of the error control", self.mode, MODES)
         for field in fields(self)[1:]:
             value = check_number(f"{field.name} of the error control", getattr(self, field.name), positive=True)

@@ -4,7 +4,6 @@ Functions that draw are collective.  Rank 0 draws into the PNG of a path, or on 
 all ranks return the path, or the given object.  OutputError: the picture cannot be written.
 """
 
-from fx_contact.parallel.former import former_names
 from fx_contact.plot.bodies import draw_bodies, draw_mesh
 from fx_contact.plot.canvas import plotter_for
 from fx_contact.plot.contact_map import draw_contact
@@ -21,13 +20,3 @@ __all__ = [
     "draw_sweep",
     "plotter_for",
 ]
-
-__getattr__ = former_names(
-    __name__,
-    {"draw_partition": "draw_mesh(step, path, zoom=None)"},
-    {
-        "draw_partition": lambda step, path=None, colour="rank", *, plotter=None: draw_mesh(
-            step, path, None, colour, plotter=plotter
-        )
-    },
-)

@@ -19,8 +19,7 @@ from fx_contact.parallel.validation import check_comm, check_kind, check_kinds, 
 from fx_contact.path.load_path import BEFORE, LoadPath, SweepPoint
 from fx_contact.path.sweep_record import SweepRecord
 from fx_contact.plot.canvas import axes_for, draw_on_first
-from fx_contact.results.analytic import Hertz
-from fx_contact.results.reference_values import ContactReference
+from fx_contact.results.analytic import KnownPressure
 
 #: What entries of a record are.
 _DIMENSIONS = {"force": "force", "max_pressure": "stress", "contact_radius": "length", "max_penetration": "length"}
@@ -32,7 +31,7 @@ _OF_STATUS = "#009E73", "#E69F00"
 
 @collective("step.forest.comm")
 def draw_pressure(
-    step: Step, path: str | Path | None = None, exact: Hertz | ContactReference | None = None, *, ax: Any = None
+    step: Step, path: str | Path | None = None, exact: KnownPressure | None = None, *, ax: Any = None
 ) -> Any:
     """Contact pressure of all contact nodes over their distance from the centre of the contact, and a known solution.
 
@@ -48,7 +47,7 @@ def draw_pressure(
     """
     check_step(step, contact=True)
     if exact is not None:
-        check_kind("the exact solution", exact, Hertz, ContactReference)
+        check_kind("the exact solution", exact, KnownPressure)
     table = step.contact.gathered()
 
     def draw(axes: Any) -> None:
@@ -59,9 +58,7 @@ def draw_pressure(
     return draw_on_first(step.forest.comm, path, draw, axes_for, ax)
 
 
-def _draw_pressure(
-    axes: Any, table: ContactTable, record: StepRecord, exact: Hertz | ContactReference | None
-) -> None:
+def _draw_pressure(axes: Any, table: ContactTable, record: StepRecord, exact: KnownPressure | None) -> None:
     arm = table.points - np.asarray(record.contact_centre)
     height = np.einsum("ni,ni->n", arm, table.normal)
     radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - height**2, 0))

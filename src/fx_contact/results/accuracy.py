@@ -1,4 +1,4 @@
-"""Errors relative to known solutions, to reference values, and to a solution on a refinement."""
+"""Errors relative to known solutions, and to a solution on a refinement."""
 
 from dataclasses import dataclass, replace
 
@@ -17,13 +17,11 @@ from fx_contact.estimate.marking import for_tolerance
 from fx_contact.fem.elasticity import Elasticity
 from fx_contact.forest.forest import Forest
 from fx_contact.geometry.lattice import Lattice
-from fx_contact.items.materials import VOIGT
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.compilation import compiled
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
-from fx_contact.parallel.validation import check_kind, check_tolerance
-from fx_contact.results.reference_values import ContactReference
+from fx_contact.parallel.validation import check_tolerance
 from fx_contact.scene.scene import Scene, check_scene
 from fx_contact.verdict.model_warning import REFUSED
 
@@ -66,52 +64,6 @@ def energy_distance(step: Step, values: FloatArray) -> float:
     leaf, node = elasticity.prolongation.space.example.T
     v = elasticity.prolongation.injected(values[leaf, node])
     return float(elasticity.change_norm(v - u) / np.sqrt(step.forest.comm.allreduce(energy.sum())))
-
-
-@collective("step.forest.comm")
-def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
-    """Relative errors with sign [-] of the contact of two half-spheres along z against a reference.
-
-    Collective on the step's communicator.  Raises SceneError for no step, one without contact, or no reference.
-
-    Returns:
-        `force`, `contact_radius` (of round contact), `max_pressure`, and if the reference has them `pressure`, in the
-        L2 norm over the contact surface, and `axis_stress`, in the Euclidean norm over the reference's heights.
-    """
-    check_step(step, contact=True)
-    check_kind("the reference", reference, ContactReference)
-    found = {name: getattr(step.record, name) for name in ("force", "contact_radius", "max_pressure")}
-    result = {name: value / getattr(reference, name) - 1 for name, value in found.items() if value is not None}
-    if len(reference.profile):
-        result["pressure"] = _pressure_error(step, reference)
-    if len(reference.axis):
-        result["axis_stress"] = _axis_error(step, reference)
-    return {name: float(value) for name, value in result.items()}
-
-
-def _pressure_error(step: Step, reference: ContactReference) -> float:
-    pairs = step.rows
-    assert pairs is not None, "checked by check_step"
-    arm = pairs.position - np.asarray(step.record.contact_centre)
-    known = reference.pressure(np.linalg.norm(arm[:, :2], axis=1))
-    off = step.contact.pressure - known
-    sums = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area @ known**2]), op=MPI.SUM)
-    return float(np.sqrt(sums[0] / sums[1]))
-
-
-def _axis_error(step: Step, reference: ContactReference) -> float:
-    """Error of the stress along the axis of the upper body.  Collective; only nodes on the axis are gathered."""
-    forest, comm, space = step.forest, step.forest.comm, step.elasticity.prolongation.space
-    leaf, node = space.example.T
-    position = space.positions() - np.asarray(step.record.contact_centre)
-    upper = forest.mesh.body[forest.cell[leaf]] == forest.mesh.bodies.index("upper")
-    on = upper & (np.abs(position[:, :2]).max(axis=1) < 1e-9 * reference.radius)
-    stress = step.nodal_stress[leaf, node, VOIGT.index((2, 2))]
-    rows = np.concatenate(comm.allgather(np.stack([position[on, 2], stress[on]], axis=1)))
-    rows = rows[np.argsort(rows[:, 0])]
-    height, known = reference.axis.T
-    off = np.interp(height, rows[:, 0], rows[:, 1]) - known
-    return float(np.sqrt((off @ off) / (known @ known)))
 
 
 @collective("step.forest.comm")

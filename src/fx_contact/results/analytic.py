@@ -2,13 +2,33 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 import scipy  # loads its modules where they are used
 
 from fx_contact.items.materials import Material
 from fx_contact.parallel.arrays import FloatArray
+
+
+@runtime_checkable
+class KnownPressure(Protocol):
+    """The pressure of round contact, as of `Hertz`."""
+
+    @property
+    def force(self) -> float:
+        """F [N]."""
+
+    @property
+    def contact_radius(self) -> float:
+        """a [m]."""
+
+    @property
+    def max_pressure(self) -> float:
+        """p0 [Pa]."""
+
+    def pressure(self, r: float | FloatArray) -> FloatArray:
+        """Contact pressure [Pa] at radii r [m].  Local."""
 
 
 @dataclass(frozen=True)

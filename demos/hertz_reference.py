@@ -1,14 +1,15 @@
-"""Reference values from other programs."""
+"""Reference values of other programs for two equal half-spheres, and errors of a step against them."""
 
 import json
 from dataclasses import dataclass
-from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
+from mpi4py import MPI
 
-from fx_contact.items.materials import Material
+from fx_contact import Material, SceneError, Step
+from fx_contact.items.materials import VOIGT
 from fx_contact.parallel.arrays import FloatArray
-from fx_contact.parallel.errors import SceneError
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,7 @@ def hertz_a() -> ContactReference:
     Local.  Source: axisymmetric P2 finite elements on one curved half-sphere, exact non-penetration, graded meshes,
     converged to the digits given.
     """
-    data = json.loads(files("fx_contact").joinpath("data", "hertz_a.json").read_text())
+    data = json.loads(Path(__file__).with_name("hertz_a.json").read_text())
     value, profile, axis = data["reference"], data["pressure_profile"], data["axis_stress"]
     return ContactReference(
         name="HERTZ-A",
@@ -100,3 +101,46 @@ def ssnv104() -> ContactReference:
 
 #: References by the name of the demos' option.
 REFERENCES = {"hertz-a": hertz_a, "ssnv104": ssnv104}
+
+
+def contact_errors(step: Step, reference: ContactReference) -> dict[str, float]:
+    """Relative errors with sign [-] of the contact of two half-spheres along z against a reference.
+
+    Collective on the step's communicator.
+
+    Returns:
+        `force`, `contact_radius` (of round contact), `max_pressure`, and if the reference has them `pressure`, in the
+        L2 norm over the contact surface, and `axis_stress`, in the Euclidean norm over the reference's heights.
+    """
+    found = {name: getattr(step.record, name) for name in ("force", "contact_radius", "max_pressure")}
+    result = {name: value / getattr(reference, name) - 1 for name, value in found.items() if value is not None}
+    if len(reference.profile):
+        result["pressure"] = _pressure_error(step, reference)
+    if len(reference.axis):
+        result["axis_stress"] = _axis_error(step, reference)
+    return {name: float(value) for name, value in result.items()}
+
+
+def _pressure_error(step: Step, reference: ContactReference) -> float:
+    pairs = step.rows
+    assert pairs is not None
+    arm = pairs.position - np.asarray(step.record.contact_centre)
+    known = reference.pressure(np.linalg.norm(arm[:, :2], axis=1))
+    off = step.contact.pressure - known
+    sums = step.forest.comm.allreduce(np.array([pairs.area @ off**2, pairs.area @ known**2]), op=MPI.SUM)
+    return float(np.sqrt(sums[0] / sums[1]))
+
+
+def _axis_error(step: Step, reference: ContactReference) -> float:
+    """Error of the stress along the axis of the upper body.  Collective; only nodes on the axis are gathered."""
+    forest, comm, space = step.forest, step.forest.comm, step.elasticity.prolongation.space
+    leaf, node = space.example.T
+    position = space.positions() - np.asarray(step.record.contact_centre)
+    upper = forest.mesh.body[forest.cell[leaf]] == forest.mesh.bodies.index("upper")
+    on = upper & (np.abs(position[:, :2]).max(axis=1) < 1e-9 * reference.radius)
+    stress = step.nodal_stress[leaf, node, VOIGT.index((2, 2))]
+    rows = np.concatenate(comm.allgather(np.stack([position[on, 2], stress[on]], axis=1)))
+    rows = rows[np.argsort(rows[:, 0])]
+    height, known = reference.axis.T
+    off = np.interp(height, rows[:, 0], rows[:, 1]) - known
+    return float(np.sqrt((off @ off) / (known @ known)))
