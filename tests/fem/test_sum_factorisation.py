@@ -138,6 +138,22 @@ def test_diagonal_blocks(material):
     everywhere((along[~planes] > 1e-3).all() and (np.einsum("nii->ni", ours) >= 0).all(), "not positive")
 
 
+def test_blocks_follow_the_matrix():
+    """The inverses of the smoother are those of the matrix with another penalty."""
+    elasticity, rows, supports, _ = discretised()
+    mat, jump = matrix_free(elasticity, rows, False, supports).mat, Jump(rows, supports)
+    reserve(mat, jump)
+    for factor in (0.0, 1.0, 5.0):
+        PenaltyTerm(jump, factor * rows.stiffness).add_to(mat)
+        blocks = diagonal_blocks(mat)
+        inverses = np.asarray(blocks.invertBlockDiagonal()).reshape(-1, 3, 3).swapaxes(1, 2)
+        unknowns = np.arange(*mat.getOwnershipRange(), dtype=np.int32).reshape(-1, 3)
+        values = np.array([blocks.getValues(i, i) for i in unknowns]).reshape(-1, 3, 3)
+        off = np.abs(inverses @ values - np.eye(3)).max(axis=(1, 2), initial=0.0)
+        planes = np.isin(np.arange(len(off)), supports.oblique_nodes)
+        everywhere((off[~planes] < 1e-6).all(), "inverses of another matrix")
+
+
 @pytest.mark.parametrize("preconditioner", [None, "boomeramg", "boomeramg-robust", "cholesky"])
 @pytest.mark.parametrize("material", ["isotropic", "rubber"])
 def test_solution(material, preconditioner):

@@ -179,12 +179,13 @@ def shift_diagonal(mat: PETSc.Mat) -> None:
 
 
 def diagonal_blocks(mat: PETSc.Mat) -> PETSc.Mat:
-    """The 3 x 3 blocks on the diagonal of a sum with an operator as BAIJ, for smoothers; else the matrix itself.
+    """The 3 x 3 blocks on the diagonal of a sum with an operator, a copy in BAIJ for smoothers; else the matrix itself.
 
-    Local.  Not to be destroyed by the caller.
+    Collective on mat.comm.  Not to be destroyed by the caller: Python's references do that.  A copy, since PETSc keeps
+    the inverses of blocks whose matrix changes.
     """
     beside = _beside(mat)
-    return mat if beside is None else beside.blocks
+    return mat if beside is None else beside.blocks.copy()
 
 
 def distributed(comm: MPI.Intracomm, matrix: csr_matrix, columns: IndexMap) -> PETSc.Mat:
