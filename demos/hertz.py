@@ -10,13 +10,12 @@ Hertz's.
 import argparse
 
 from common import COMM, Report, parse, parser, plain_errors, settings
+from hertz_reference import REFERENCES, contact_errors
 
 from fx_contact import Material, adapt
 from fx_contact.plot import draw_mesh, draw_pressure
 from fx_contact.results import true_error, write_fields
-from hertz_reference import contact_errors
 from fx_contact.results.analytic import Hertz
-from hertz_reference import REFERENCES
 from fx_contact.scenes import hertz
 
 #: By degree, for a cell of degree 2 costs eight: tolerance, order of the root mesh, root cells along a block.

@@ -26,6 +26,7 @@ from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.leaf_mesh import create_leaf_mesh
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.space import Space
+from fx_contact.fem.sum_factorisation import matrix_free
 from fx_contact.fem.supports import Supports
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition import repartition
@@ -156,7 +157,7 @@ def _solve(number: int, space: Space, order: int, tolerance: float, stages: Stag
         forces = _load(forest, elasticity, stages)
         supports = Supports(_prescribed(forest, prolongation))
     with stages("assemble"):
-        matrix = elasticity.stiffness(symmetric=space.degree > 1, supports=supports)
+        matrix = (matrix_free if space.degree > 1 else Elasticity.stiffness)(elasticity, supports=supports)
         coarse = create_coarse_level(elasticity, supports) if space.degree > 1 else None
     start, exact = np.zeros((prolongation.owned, 3)), ufl.as_vector(bump(ufl.SpatialCoordinate(elasticity.mesh)))
     linear = ContactProblem(matrix, forces, supports, elasticity.energy_norm, coarse=coarse)

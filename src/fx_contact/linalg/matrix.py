@@ -47,6 +47,7 @@ class _Beside:
 
     def __init__(self, operator: CellOperator, entries: PETSc.Mat, blocks: PETSc.Mat) -> None:
         self.operator, self.entries, self.blocks = operator, entries, blocks
+        self._assembled: PETSc.Mat | None = None  # the operator, kept for factors, which take many times its memory
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         self.entries.mult(x, y)
@@ -59,9 +60,19 @@ class _Beside:
         self.entries.assemble()
         self.blocks.assemble()
 
+    def whole(self) -> PETSc.Mat:
+        """All entries, BAIJ.  Collective."""
+        if self._assembled is None:
+            self._assembled = self.operator.assembled().mat
+            self._assembled.assemble()
+        result = self._assembled.copy()
+        result.axpy(1.0, self.entries, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        return result
+
     def destroy(self, _: PETSc.Mat) -> None:
-        self.entries.destroy()
-        self.blocks.destroy()
+        for mat in (self.entries, self.blocks, self._assembled):
+            if mat is not None:
+                mat.destroy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,11 +210,8 @@ def distributed(comm: MPI.Intracomm, matrix: csr_matrix, columns: IndexMap) -> P
 
 def as_aij(mat: PETSc.Mat) -> PETSc.Mat:
     """A copy of a symmetric positive definite matrix in PETSc's own format.  Collective on mat.comm."""
-    beside, whole = _beside(mat), mat
-    if beside is not None:
-        whole = beside.operator.assembled().mat
-        whole.assemble()
-        whole.axpy(1.0, beside.entries, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    beside = _beside(mat)
+    whole = mat if beside is None else beside.whole()
     copy = whole.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
     if whole is not mat:
         whole.destroy()
