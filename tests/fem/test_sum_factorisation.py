@@ -20,7 +20,7 @@ from model_problems import (
 )
 from mpi4py import MPI
 
-from fx_contact import Elastic, Enforcement, Material, Orthotropic, Solver
+from fx_contact import Elastic, Enforcement, Material, Orthotropic, Solver, block, root_mesh_from_shapes
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
 from fx_contact.contact.jump import Jump
 from fx_contact.contact.penalty_term import PenaltyTerm, reserve
@@ -42,9 +42,17 @@ WOOD = Orthotropic((12.0, 1.0, 0.6), (0.4, 0.35, 0.3), (0.7, 0.6, 0.05), axes=((
 MATERIALS = {"isotropic": STEEL, "orthotropic": WOOD, "rubber": Material(1.0, 0.49), "mixed": Material(1.0, 0.49)}
 
 
-def discretised(material=STEEL, distribution="strewn", springs=True, **mesh):
+def meshed_apart():
+    """A box on a block with other cells, by the names of `two_boxes`."""
+    bodies = {"lower": block((0, 0, -1), (2, 2, 0), (2, 2, 1), 1), "upper": block((0, 0, 0), (2, 2, 1), (3, 3, 2), 1)}
+    names = {"lower z low": "lower bottom", "upper z high": "upper top", "upper x high": "upper right"}
+    return root_mesh_from_shapes(bodies, names | {"lower contact": "lower top", "upper contact": "upper bottom"})
+
+
+def discretised(material=STEEL, distribution="strewn", springs=True, apart=False, **mesh):
     """Two boxes with hanging nodes, their elasticity, rows of contact, and supports with an oblique plane."""
-    scene = pressed(two_boxes(**{"distortion": 0.15, **mesh}), materials=(STEEL, material))
+    mesh = meshed_apart() if apart else two_boxes(**{"distortion": 0.15, **mesh})
+    scene = pressed(mesh, materials=(STEEL, material))
     if springs:
         scene = replace(scene, springs=(Elastic("upper x high", normal=3.0, x=2.0),))
     forest = DISTRIBUTIONS[distribution](grown(roots(scene), 2, share=0.2))
@@ -74,10 +82,12 @@ def close(one, other, tolerance, what):
 
 
 @pytest.mark.parametrize("distribution", list(DISTRIBUTIONS))
-@pytest.mark.parametrize("material", MATERIALS)
+@pytest.mark.parametrize("material", [*MATERIALS, "meshed apart"])
 def test_product(material, distribution):
     """To 1e-13, with the penalty of contact; oblique planes, prescribed components and springs."""
-    elasticity, rows, supports, position = discretised(MATERIALS[material], distribution)
+    apart = material == "meshed apart"
+    given = WOOD if apart else MATERIALS[material]
+    elasticity, rows, supports, position = discretised(given, distribution, apart=apart)
     mixed = material == "mixed"
     entire = elasticity.stiffness(rows, mixed, supports)
     free = matrix_free(elasticity, rows, mixed, supports)
