@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy  # loads its modules where they are used
 
 from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.row_motions import RowMotions
@@ -74,7 +74,7 @@ class Support:
         rates, normal = self._penetration(by, by.closed), (by.rows.role == Role.NORMAL)[by.closed]
         comm = by.rows.prolongation.comm
         both = [np.concatenate(comm.allgather(part)) for part in (rates, -rates[~normal])]
-        _, left = nnls(np.concatenate(both).T, self._loaded.work)
+        _, left = scipy.optimize.nnls(np.concatenate(both).T, self._loaded.work)
         return bool(left <= _CARRIED * np.linalg.norm(self._loaded.work))
 
     def _free(self, by: Resisting) -> tuple[FloatArray, FloatArray]:
