@@ -169,15 +169,17 @@ def test_fallback(monkeypatch, name, most, solver):
 
 
 @pytest.mark.parametrize(
-    "free, shown, what", [(8e6, "8.0 MB", "the system of .* unknowns"), (2e5, "200.0 kB", "a forest of .* leaves")]
+    "free, shown, leaf, what",
+    [(8e5, "800.0 kB", 0, "the system of .* unknowns"), (2e5, "200.0 kB", 8100, "a forest of .* leaves")],
 )
-def test_memory_is_not_overdrawn(monkeypatch, free, shown, what):
+def test_memory_is_not_overdrawn(monkeypatch, free, shown, leaf, what):
     """What would not fit is refused before it is allocated, with what it needs and what there is; no step is lost."""
     scene, steps = hertz(order=2, coarse=2), []
     with pytest.raises(SolveError, match=rf"{what} needs .* [kM]B on a host that has {shown} left") as caught:
         for step in adapt(scene, 0.16):
             steps.append(step.record)
             monkeypatch.setattr(memory, "available", lambda: free)
+            monkeypatch.setattr(memory, "_LEAF_BYTES", leaf)
     assert len(steps) == 1 and caught.value.record is steps[0] and caught.value.displacement is not None
     assert memory.shortage(WORLD, 0) is None, "nothing is always there"
 

@@ -58,7 +58,7 @@ def matrix_free(
     on_planes = supports.oblique_nodes
     graph = graph + csr_matrix((np.ones(len(on_planes), dtype=bool), (on_planes, on_planes)), (size, size))
     what = f"the stiffness of {3 * imap.size_global:,} unknowns"
-    needed = 8 * (9 * 27 + 27) * len(elasticity.cells)
+    needed = 3 * 8 * 9 * 27 * len(elasticity.cells)  # the metric, thrice while cells are sorted
     check_memory(comm, what, needed, "ask for a larger tolerance, or use more hosts")
     entries = create_matrix(comm, graph, imap)
     if len(on_planes):

@@ -13,7 +13,7 @@ from fx_contact.parallel.arrays import BoolArray, FloatArray, IntArray
 _ROUNDING = 1e-10
 #: Names of the six motions, and the part of the largest coefficient from which one is named [-]: a
 #: cube that turns about an edge has 0.5 exactly.
-_MOTIONS, _SHARE = ("along x", "along y", "along z", "about x", "about y", "about z"), 0.45
+_MOTIONS, _SHARE = ("along x", "along y", "along z", "about x", "about y", "about z"), 0.499
 
 
 class RigidMotions:

@@ -44,7 +44,7 @@ class Preconditioner:
         self.pc.setReusePreconditioner(True)
 
     def _suited(self, matrix: PETSc.Mat) -> PETSc.Mat:
-        """The matrix itself for multigrid, and for hypre in its own format, unless it is singular; else a copy in AIJ."""
+        """The matrix for multigrid, and unless it is singular for hypre in its own format; else a copy in AIJ."""
         kind = self.pc.getType()
         own = kind == PETSc.PC.Type.HYPRE and matrix.type == PETSc.Mat.Type.HYPRE and not self.singular
         if kind == PETSc.PC.Type.MG or own:
