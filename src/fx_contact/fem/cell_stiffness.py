@@ -91,7 +91,7 @@ class CellStiffness:
 
     def _moments(self, metric: FloatArray, gradients: FloatArray) -> FloatArray:
         d = np.einsum("nqr,nqik->nrki", self.polynomials(metric), gradients, optimize=True)
-        return d.reshape(*d.shape[:2], -1)
+        return d.reshape(*d.shape[:2], 3 * gradients.shape[3])
 
     def polynomials(self, metric: FloatArray) -> FloatArray:
         """Values (n, points, q) of such polynomials times (w |J|)^(1/2)."""
