@@ -2,10 +2,10 @@
 
 With the Gauss points x_q of a cell, its geometry G_q = |J|^(1/2) J^(-T), and the elastic moduli C,
 
-    K u = sum_q grad^T G_q^T w_q C G_q grad u(x_q),
+    K u = sum_q grad^T G_q^T w_q C G_q grad u(x_q).
 
-where u(x_q), its reference gradient, and their transposes are products with 3 x 3 matrices along each axis.  Of a cell
-with an affine map one G is kept.  `_LANES` cells are done at once, in the registers of the processor.
+Interpolation to x_q, the reference gradient, and their transposes are products with 3 x 3 matrices along each axis.
+One G is kept of a cell with an affine map.  `_LANES` cells are done at once, in the registers of the processor.
 Source: M. Kronbichler, K. Kormann, Computers & Fluids 63, 2012.
 """
 
@@ -160,7 +160,7 @@ class _Cells:
 
     @property
     def arguments(self) -> tuple[object, ...]:
-        """Those of the functions in C."""
+        """Arguments of the functions in C."""
         count, points = ctypes.c_int64(len(self.nodes)), ctypes.c_int(self.metric.shape[1])
         return (
             count,

@@ -15,8 +15,8 @@ from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.linalg.solver_options import Solver, preconditioner_options
 from fx_contact.parallel.memory import shortage
 
-#: Most unknowns of a coarse level that is factorised.  Of solid bodies its factors cost as much as they save at 20,000,
-#: and five times as much at 37,000 (Hertz at 0.5 %); of bodies that bend they save four of five iterations
+#: Most unknowns of a coarse level that is factorised.  At 37,000 the factors of solid bodies take 10 us an unknown and
+#: save two of 18 iterations (`demos/hertz.py --tolerance 0.005`); in bodies that bend they save four of five iterations
 #: (`studies.cost.distorted`).
 COARSE = 30_000
 #: Iterations of a solve of n unknowns before Cholesky factors: `PER_SIDE` n^(1/3), at least `FEWEST`.  Bodies that do

@@ -39,7 +39,7 @@ class CellOperator(Operator):
 
     @abstractmethod
     def assembled(self) -> BlockMatrix:
-        """The same with its entries, not yet assembled.  Collective."""
+        """Matrix with all entries, before `mat.assemble`.  Collective."""
 
 
 class _Beside:
@@ -50,13 +50,16 @@ class _Beside:
         self._assembled: PETSc.Mat | None = None  # the operator, kept for factors, which take many times its memory
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Product of the sum."""
         self.entries.mult(x, y)
         self.operator.add_product(x.array_r.reshape(-1, 3), y.array.reshape(-1, 3))
 
     def getDiagonal(self, _: PETSc.Mat, diagonal: PETSc.Vec) -> None:  # noqa: N802, PETSc's name
+        """Diagonal of the sum."""
         self.blocks.getDiagonal(diagonal)
 
     def assemblyEnd(self, *_: object) -> None:  # noqa: N802, PETSc's name
+        """Assembly of what was added."""
         self.entries.assemble()
         self.blocks.assemble()
 
@@ -70,6 +73,7 @@ class _Beside:
         return result
 
     def destroy(self, _: PETSc.Mat) -> None:
+        """Release of all matrices."""
         for mat in (self.entries, self.blocks, self._assembled):
             if mat is not None:
                 mat.destroy()
@@ -157,10 +161,10 @@ def _beside(mat: PETSc.Mat) -> _Beside | None:
 
 
 def _block_diagonal(mat: PETSc.Mat, blocks: FloatArray) -> PETSc.Mat:
-    """Blocks (owned, 3, 3) as BAIJ with the layout of a matrix."""
+    """Symmetric blocks (owned, 3, 3) as BAIJ with the layout of a matrix."""
     first, count = mat.getOwnershipRange()[0] // 3, len(blocks)
     each = np.arange(count + 1, dtype=PETSc.IntType)
-    csr = each, first + each[:-1], blocks.swapaxes(1, 2).ravel()  # by columns
+    csr = each, first + each[:-1], blocks.ravel()
     return PETSc.Mat().createBAIJ(mat.getSizes(), 3, csr=csr, comm=mat.comm)
 
 
