@@ -118,7 +118,7 @@ def measure(tolerance):
 
 
 def _last_step(tolerance, **how):
-    *_, step = adapt(hertz(comm=MPI.COMM_SELF), tolerance, MPI.COMM_SELF, degree=1, **how)
+    *_, step = adapt(hertz(), tolerance, MPI.COMM_SELF, degree=1, **how)
     return step
 
 

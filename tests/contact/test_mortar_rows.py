@@ -137,11 +137,11 @@ class TestMatching:
     @pytest.mark.parametrize("degree", [1, 2])
     def test_rows(self, degree):
         """Entries, gaps, areas and normals, on surfaces of the degree of the displacement with hanging nodes."""
-        scene = hertz(coarse=2, order=degree, comm=WORLD)
+        scene = hertz(coarse=2, order=degree)
         forest = grown(Beginning.uniform(scene, 1, WORLD).forest, 1, share=0.2, salt=3)
         prolongation = Prolongation(Space(forest, degree))
         pairs = create_rows(scene, prolongation, Enforcement())
-        twin = taken_for_nonmatching(hertz(coarse=2, order=degree, comm=WORLD))
+        twin = taken_for_nonmatching(hertz(coarse=2, order=degree))
         prolongation = Prolongation(Space(replace(forest, contact_surfaces=twin.contact_surfaces), degree))
         rows = create_rows(twin, prolongation, Enforcement())
         size = np.abs(scene.mesh.points).max()
@@ -158,7 +158,7 @@ class TestMatching:
 
     def test_run(self):
         """The whole run has the same leaves and force."""
-        scenes = hertz(coarse=2, order=2, comm=WORLD), taken_for_nonmatching(hertz(coarse=2, order=2, comm=WORLD))
+        scenes = hertz(coarse=2, order=2), taken_for_nonmatching(hertz(coarse=2, order=2))
         pairs, mortar = (list(adapt(scene, 0.1, WORLD)) for scene in scenes)
         assert len(pairs) == len(mortar)
         for one, other in zip(pairs, mortar):

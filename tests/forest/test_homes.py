@@ -22,9 +22,7 @@ from fx_contact.surfaces.facet_pairing import leaf_code
 pytestmark = pytest.mark.ranks(1, 2, 3)
 
 SCENES = pytest.mark.parametrize(
-    "make",
-    [lambda: pressed(two_boxes(margin=1)), corner_scene, lambda: hertz(comm=MPI.COMM_SELF)],
-    ids=["boxes", "corner", "hertz"],
+    "make", [lambda: pressed(two_boxes(margin=1)), corner_scene, lambda: hertz()], ids=["boxes", "corner", "hertz"]
 )
 
 

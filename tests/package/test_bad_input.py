@@ -169,7 +169,7 @@ def too_many_ranks():
 
 
 def small_hertz():
-    return scenes.hertz(order=1, coarse=1, comm=COMM)
+    return scenes.hertz(order=1, coarse=1)
 
 
 def with_surface(name, rows, *conditions):
@@ -310,7 +310,7 @@ class Unspeakable:
 
 def finer():
     """Mesh of the same bodies with more root cells."""
-    return scenes.hertz(order=1, coarse=2, comm=COMM).mesh
+    return scenes.hertz(order=1, coarse=2).mesh
 
 
 def not_a_number():
@@ -413,8 +413,7 @@ CASES = {
         ),
         (
             lambda: first(
-                scenes.hertz(order=1, coarse=4, comm=COMM),
-                solver=Solver(max_krylov=1, tolerance=1e-13, loose_tolerance=1e-12),
+                scenes.hertz(order=1, coarse=4), solver=Solver(max_krylov=1, tolerance=1e-13, loose_tolerance=1e-12)
             ),
             "PCG failed with p-multigrid (iterations: 1, PETSc reason -3), then with cholesky (",
         ),
@@ -475,7 +474,7 @@ CASES[GeometryError] += [
         lambda length: scenes.punch(length),
         lambda length: scenes.punch(length, force=1.0),
         lambda length: scenes.punch(side=length),
-        lambda length: scenes.hertz(length, comm=COMM),
+        scenes.hertz,
         lambda length: scenes.indentation(side=length),
         lambda length: scenes.cylinders((length, 1.0)),
         lambda length: scenes.shrink_fit((length, 1.0, 2.0)),
@@ -486,7 +485,7 @@ CASES[GeometryError] += [
 
 #: Functions of what they are given; of a wrong type or value each must make a SceneError that shows it.
 OF_ONE_VALUE = (
-    lambda value: scenes.hertz(radius=value, comm=COMM),
+    lambda value: scenes.hertz(radius=value),
     lambda value: Material(1.0, value),
     lambda value: adapt(press(), value, COMM),
     lambda value: adapt(press(), 0.5, COMM, max_steps=value),
@@ -591,7 +590,7 @@ def garbage(capfd):
 def test_failed_solve_leaves_nothing(capfd, options, words):
     """Its matrix and preconditioner would stay in the memory for ever."""
     before = garbage(capfd)
-    (answer,) = set(told(lambda: first(**{"scene": scenes.hertz(order=1, coarse=2, comm=COMM)} | options)))
+    (answer,) = set(told(lambda: first(**{"scene": scenes.hertz(order=1, coarse=2)} | options)))
     assert words in answer[1], answer
     assert garbage(capfd) == before
 
@@ -709,9 +708,6 @@ UNLIKE_ELSEWHERE = [
     (lambda path: draw_pressure(first(), path), "/dev/null/a", "/dev/null/b", "name of a picture"),
     (lambda path: root_mesh_from_file(COMM, path), "a.msh", "b.msh", "a mesh file ("),
     (lambda path: root_mesh_from_file(COMM, path), "a.msh", 5, "must be a path, got 5"),
-    (lambda radius: scenes.hertz(radius, comm=COMM), 1.0, 2.0, "radius (1.0 on rank 0, 2.0 on rank"),
-    (lambda radius: scenes.hertz(radius, comm=COMM), 1.0, -1.0, "positive number, got -1.0"),
-    (lambda it: scenes.hertz(material=it, coarse=2, comm=COMM), STEEL, None, "a Material for each"),
 ]
 
 

@@ -18,8 +18,8 @@ VALUES, TOLERANCE = (1e-2, 5e-3, 2e-3), 0.3
 small = partial(hertz, order=1, coarse=2)
 
 
-def pressed(approach, comm=WORLD):
-    return small(displacement=approach, comm=comm)
+def pressed(approach):
+    return small(displacement=approach)
 
 
 def field(forest, degree):
@@ -29,15 +29,14 @@ def field(forest, degree):
 
 def start(degree, comm=WORLD):
     """A Beginning on the root cells that carries the polynomial."""
-    forest = Beginning.uniform(pressed(VALUES[0], comm), 0, comm).forest
+    forest = Beginning.uniform(pressed(VALUES[0]), 0, comm).forest
     values = np.concatenate([np.zeros((len(forest), (degree + 1) ** 3, 3)), field(forest, degree)], axis=2)
     return Beginning(forest, values)
 
 
 def path(degree, comm=WORLD, **options):
     """Increments that refine in each point."""
-    scene_of = partial(pressed, comm=comm)
-    return increments(scene_of, VALUES, TOLERANCE, comm, degree=degree, beginning=start(degree, comm), **options)
+    return increments(pressed, VALUES, TOLERANCE, comm, degree=degree, beginning=start(degree, comm), **options)
 
 
 def by_leaf(comm, step, values):
