@@ -28,7 +28,7 @@ from fx_contact.contact.row_kinds import create_rows
 from fx_contact.fem.coarse_level import create_coarse_level
 from fx_contact.fem.dirichlet import find_supports
 from fx_contact.fem.elasticity import Elasticity
-from fx_contact.fem.sum_factorisation import matrix_free
+from fx_contact.fem.sum_factorisation import energy_norm, matrix_free
 from fx_contact.fem.supports import Supports
 from fx_contact.law.contact_solver import solve_contact
 from fx_contact.linalg.matrix import as_aij, diagonal_blocks
@@ -92,6 +92,10 @@ def test_product(material, distribution):
     entire = elasticity.stiffness(rows, mixed, supports)
     free = matrix_free(elasticity, rows, mixed, supports)
     close(*(supports.free_part(one.held) for one in (free, entire)), 1e-13, "other held forces")
+    volume = elasticity.volume_term(supports) if mixed else None
+    moved = supports.admissible(np.sin(3 * position)) + np.array([0.0, 0.0, 1e4]) * (material != "mixed")
+    energy = energy_norm(elasticity, free, volume)(moved), elasticity.energy_norm(moved)
+    assert abs(energy[0] / energy[1] - 1) < 1e-10 and energy_norm(elasticity, entire, volume)(moved) == energy[1]
     jump = Jump(rows, supports)
     for one in (entire, free):
         reserve(one.mat, jump)

@@ -33,7 +33,7 @@ from fx_contact.fem.nodal_fields import NodalFields
 from fx_contact.fem.nodal_strain import stress_free_strain
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.springs import Springs
-from fx_contact.fem.sum_factorisation import matrix_free
+from fx_contact.fem.sum_factorisation import energy_norm, matrix_free
 from fx_contact.forest.forest import Forest
 from fx_contact.forest.partition_quality import PartitionSummary
 from fx_contact.law.contact_solver import ContactSolution, solve_system
@@ -164,7 +164,7 @@ def _discretise(settings: Settings, start: StepStart, stages: Stages) -> _Discre
         matrix=matrix,
         load=forces + elasticity.stress_free_forces() if scene.strains else forces,
         supports=supports,
-        energy_norm=elasticity.energy_norm,
+        energy_norm=energy_norm(elasticity, matrix, volume),
         rows=rows,
         bodies=BodyMotions(scene, elasticity, supports),
         coarse=coarse,

@@ -34,10 +34,11 @@ INLINE void along(const double m[3][3], int s, const lanes *u, lanes *v, int add
         }
 }
 
-/* y := y + K u. */
-VERSIONS void add_product(int64_t groups, const int32_t *nodes, const double *law, int points,
+/* y := y + K u; without y returns u^T K u. */
+VERSIONS double add_product(int64_t groups, const int32_t *nodes, const double *law, int points,
                           const lanes *metric, const lanes *polynomials, const double *u, double *y)
 {
+    lanes energy = {};
     int decoupled = 1; /* shears from normal strains and from each other, as in isotropic materials */
     for (int i = 0; i < 36; i++)
         decoupled &= (i / 6 < 3 && i % 6 < 3) || i / 6 == i % 6 || law[i] == 0;
@@ -91,12 +92,16 @@ VERSIONS void add_product(int64_t groups, const int32_t *nodes, const double *la
                 stress[i] *= weight[q];
                 if (polynomials && i < 3)
                     stress[i] += p[q];
+                if (!y)
+                    energy += strain[i] * stress[i];
             }
             for (int k = 0; k < 3; k++)
                 for (int axis = 0; axis < 3; axis++)
                     g[k][axis][q] = m[axis] * stress[six[k][0]] + m[3 + axis] * stress[six[k][1]] +
                                     m[6 + axis] * stress[six[k][2]];
         }
+        if (!y)
+            continue;
         for (int k = 0; k < 3; k++) {
             along(slope_back, 1, g[k][0], v[k], 0);
             along(slope_back, 3, g[k][1], v[k], 1);
@@ -110,6 +115,7 @@ VERSIONS void add_product(int64_t groups, const int32_t *nodes, const double *la
                 for (int k = 0; k < 3; k++)
                     y[3 * (int64_t)nodes[4 * i + l] + k] += v[k][i][l];
     }
+    return energy[0] + energy[1] + energy[2] + energy[3];
 }
 
 /* y := y + the blocks of 3 x 3 on the diagonal of each K, by nodes. */

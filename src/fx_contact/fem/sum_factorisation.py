@@ -24,9 +24,11 @@ from scipy.sparse import bsr_matrix, csr_matrix
 from fx_contact.fem.cell_stiffness import CellStiffness, parts
 from fx_contact.fem.elasticity import Elasticity, Rows
 from fx_contact.fem.supports import Supports
+from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.geometry import hexahedron
 from fx_contact.items.materials import TENSOR
 from fx_contact.linalg.matrix import BlockMatrix, CellOperator, add_blocks, create_matrix, with_operator
+from fx_contact.linalg.stopping import EnergyNorm
 from fx_contact.parallel.arrays import FloatArray, Int32Array, IntArray
 from fx_contact.parallel.compilation import library
 from fx_contact.parallel.memory import check_memory, give_back
@@ -69,6 +71,19 @@ def matrix_free(
     return replace(with_operator(operator, entries), held=operator.held)
 
 
+def energy_norm(elasticity: Elasticity, matrix: BlockMatrix, volume: VolumeTerm | None) -> EnergyNorm:
+    """omega (4) of displacements by a matrix and the term beside it, or by an integral.  Local."""
+    operator = matrix.operator
+    if operator is None:
+        return elasticity.energy_norm
+
+    def of(u: FloatArray) -> float:
+        beside = 0.0 if volume is None else float(volume.missing @ volume.strains(u) ** 2)
+        return float(np.sqrt(max(matrix.comm.allreduce(operator.energy(u) + beside), 0.0)))
+
+    return of
+
+
 class CellwiseStiffness(CellOperator):
     """P^T K P with springs on the displacements that supports leave free; its diagonal in the other directions.
 
@@ -93,6 +108,7 @@ class CellwiseStiffness(CellOperator):
         self._transposed = self._weights.T.tocsr()
         kernel = elasticity.cell_stiffness(mixed)
         self._compiled = library(prolongation.comm, _source(kernel))
+        self._compiled.add_product.restype = ctypes.c_double
         self._cells = _sorted_cells(kernel, place[elasticity.cells])
         size, springs = self._size + len(hanging), elasticity.springs
         self._values, self._springs = np.zeros((size, 3)), None if springs is None else springs.matrix(place, size)
@@ -108,11 +124,22 @@ class CellwiseStiffness(CellOperator):
         forces.ravel()[self._fixed] = self._kept * u.ravel()[self._fixed]
         y += forces
 
-    def _product(self, u: FloatArray) -> FloatArray:
-        """P^T K P of (owned, 3)."""
-        values, size, sums = self._values, self._size, np.zeros_like(self._values)
+    def energy(self, u: FloatArray) -> float:
+        """As `CellOperator.energy`."""
+        values = self._prolonged(u)
+        springs = 0.0 if self._springs is None else float(values.ravel() @ (self._springs @ values.ravel()))
+        of_cells = (self._compiled.add_product(*some.arguments, _address(values), None) for some in self._cells)
+        return sum(of_cells, springs)
+
+    def _prolonged(self, u: FloatArray) -> FloatArray:
+        values, size = self._values, self._size
         values[:size] = self._prolongation.ghosted(u)
         values[size:] = self._weights @ values[self._masters]
+        return values
+
+    def _product(self, u: FloatArray) -> FloatArray:
+        """P^T K P of (owned, 3)."""
+        values, size, sums = self._prolonged(u), self._size, np.zeros_like(self._values)
         if self._springs is not None:
             sums += (self._springs @ values.ravel()).reshape(-1, 3)
         for some in self._cells:

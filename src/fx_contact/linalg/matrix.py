@@ -38,12 +38,16 @@ class CellOperator(Operator):
         """(owned, 3, 3), its blocks on the diagonal, or close to them [N/m].  Collective."""
 
     @abstractmethod
+    def energy(self, u: FloatArray) -> float:
+        """This rank's part of u^T A u of (owned, 3) [m], prescribed displacements included [J].  Collective."""
+
+    @abstractmethod
     def assembled(self) -> BlockMatrix:
         """Matrix with all entries, before `mat.assemble`.  Collective."""
 
 
-class _Beside:
-    """A `CellOperator` and a matrix of entries, as PETSc calls their sum."""
+class _Sum:
+    """A `CellOperator` and a matrix of entries: the context of PETSc's shell matrix of their sum."""
 
     def __init__(self, operator: CellOperator, entries: PETSc.Mat, blocks: PETSc.Mat) -> None:
         self.operator, self.entries, self.blocks = operator, entries, blocks
@@ -95,9 +99,15 @@ class BlockMatrix:
     row_lengths: tuple[Int32Array, Int32Array]
     held: FloatArray | None = None
 
+    @property
+    def operator(self) -> CellOperator | None:
+        """What is applied cell by cell; None: all entries are stored."""
+        beside = _sum_of(self.mat)
+        return None if beside is None else beside.operator
+
     def in_format_of(self, kind: str) -> PETSc.Mat:
         """The matrix for a type of PC: for hypre's a copy in the place of a BAIJ matrix.  Collective on comm."""
-        if kind != PETSc.PC.Type.HYPRE or _beside(self.mat) is not None:
+        if kind != PETSc.PC.Type.HYPRE or self.operator is not None:
             return self.mat
         result = self._in_hypre_format()
         self.mat.destroy()
@@ -151,12 +161,12 @@ def with_operator(operator: CellOperator, entries: BlockMatrix) -> BlockMatrix:
     mat = PETSc.Mat().create(entries.comm)
     mat.setSizes(entries.mat.getSizes(), bsize=3)
     mat.setType(PETSc.Mat.Type.PYTHON)
-    mat.setPythonContext(_Beside(operator, entries.mat, _block_diagonal(entries.mat, operator.blocks())))
+    mat.setPythonContext(_Sum(operator, entries.mat, _block_diagonal(entries.mat, operator.blocks())))
     mat.setUp()
     return replace(entries, mat=mat)
 
 
-def _beside(mat: PETSc.Mat) -> _Beside | None:
+def _sum_of(mat: PETSc.Mat) -> _Sum | None:
     return mat.getPythonContext() if mat.type == PETSc.Mat.Type.PYTHON else None
 
 
@@ -171,7 +181,7 @@ def _block_diagonal(mat: PETSc.Mat, blocks: FloatArray) -> PETSc.Mat:
 def add_blocks(mat: PETSc.Mat, product: spmatrix, number: Int32Array) -> None:
     """Add a product (3 n, 3 n) to a matrix in blocks of 3, zeros too, at n blocks by their global numbers.  Local."""
     blocks = product.tobsr((3, 3))
-    beside = _beside(mat)
+    beside = _sum_of(mat)
     if beside is not None:
         row = np.repeat(np.arange(len(number)), np.diff(blocks.indptr))
         on = blocks.indices == row
@@ -199,7 +209,7 @@ def diagonal_blocks(mat: PETSc.Mat) -> PETSc.Mat:
     Collective on mat.comm.  Not to be destroyed by the caller: Python's references do that.  A copy, since PETSc keeps
     the inverses of blocks whose matrix changes.
     """
-    beside = _beside(mat)
+    beside = _sum_of(mat)
     return mat if beside is None else beside.blocks.copy()
 
 
@@ -214,7 +224,7 @@ def distributed(comm: MPI.Intracomm, matrix: csr_matrix, columns: IndexMap) -> P
 
 def as_aij(mat: PETSc.Mat) -> PETSc.Mat:
     """A copy of a symmetric positive definite matrix in PETSc's own format.  Collective on mat.comm."""
-    beside = _beside(mat)
+    beside = _sum_of(mat)
     whole = mat if beside is None else beside.whole()
     copy = whole.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
     if whole is not mat:
