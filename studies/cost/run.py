@@ -12,11 +12,12 @@ largest resident size of all ranks together.
 Each study leaves a table, STUDY.csv, in results/cost, and prints it.
 """
 
+import os
 import sys
 
 import numpy as np
 
-from studies.runs import STAGES, Case, RunFailed, cpu, records, wall
+from studies.runs import STAGES, Case, RunFailed, cpu, records, run, wall
 from studies.tables import options, tabulate
 
 #: The pages' table: targets in CPU seconds and kB a dof, where there are some.
@@ -50,11 +51,12 @@ ORDERS = [
 ]
 CHOSEN = Case("hertz", "--degree 1 --order 6 --tolerance 0.08")
 AFFINE = ORDERS[1]
-RANKS = [
+GROWTH = [
     Case("indentation", "--degree 1 --symmetry full --tolerance 0.06"),
     Case("hertz", "--degree 1 --tolerance 0.04"),
 ]
-GROWTH = RANKS
+#: Of HERTZ-A at degree 2, for `ranks`, and runs of each.
+TOLERANCES, REPEATS = (0.3, 0.08, 0.02, 0.01, 0.005, 0.0025), 3
 #: Unknowns of the steps whose time for an unknown is compared with the last one's.
 SIZES = 37_000, 100_000
 
@@ -109,26 +111,27 @@ def orders(folder, _large):
 
 
 def ranks(folder, _large):
-    """Speed-up by a second rank in every stage that takes over a tenth of the time."""
-    for two in RANKS:
-        one = Case(two.demo, two.options, ranks=1)
-        first, second = records(one, folder), records(two, folder)
-        long = [[name] for name in STAGES if _seconds(first, [name]) > 0.1 * wall(first)]
-        for stages in [*long, STAGES]:
-            alone, both = (_seconds(steps, stages) for steps in (first, second))
-            yield {
-                "command": f"demos/{one.demo}.py {one.options}",
-                "stage": "all" if stages is STAGES else stages[0],
-                "share": alone / _seconds(first, STAGES),
-                "wall_1_s": alone,
-                "wall_2_s": both,
-                "speed_up": alone / both,
-            }
-
-
-def _seconds(steps, stages):
-    """Wall seconds of all steps in some stages."""
-    return sum(step["seconds"][name] for step in steps for name in stages)
+    """Seconds of whole processes on one and on two ranks by the size of the problem: medians of alternating runs."""
+    for tolerance in TOLERANCES:
+        cases = [Case("hertz", f"--tolerance {tolerance}", count) for count in (1, 2)]
+        seconds, steps = np.zeros((REPEATS, 2, 2)), []
+        for repeat in range(REPEATS):
+            for column, case in enumerate(cases):
+                before = os.times()
+                steps, wall_s = run(case, folder / case.name, extra="--records-only")
+                after = os.times()
+                used = after.children_user + after.children_system - before.children_user - before.children_system
+                seconds[repeat, column] = wall_s, used
+        (wall_1, cpu_1), (wall_2, cpu_2) = np.median(seconds, axis=0)
+        yield {
+            "options": cases[0].options,
+            "dofs": steps[-1]["dofs"],
+            "wall_1_s": wall_1,
+            "wall_2_s": wall_2,
+            "cpu_1_s": cpu_1,
+            "cpu_2_s": cpu_2,
+            "speed_up": wall_1 / wall_2,
+        }
 
 
 def growth(folder, large):

@@ -38,26 +38,23 @@ class CellStiffness:
     Args:
         moduli: (materials, 6, 6), as of `Material.stiffness` [Pa].
         material: (ncells,), index of that of each local cell.
-        volume: (ncells,), lambda of projected volume strains, 0 of other cells [Pa]; None: 0.
+        volume: (ncells,), lambda of projected volume strains, 0 of other cells [Pa].
 
     Attributes:
         points: (p+1,), of the rule along an axis of [0, 1]^3.
         grid, weights: ((p+1)^3, 3) and ((p+1)^3,), of the rule.
         slopes: (3, (p+1)^3, (p+1)^3), derivatives of the functions along the axes at the points.
+        powers: (q, 3), of the coordinates in the monomials of degree p - 1 or less.
     """
 
     def __init__(
-        self,
-        leaf_mesh: LeafMesh,
-        degree: int,
-        moduli: FloatArray,
-        material: IntArray,
-        volume: FloatArray | None = None,
+        self, leaf_mesh: LeafMesh, degree: int, moduli: FloatArray, material: IntArray, volume: FloatArray
     ) -> None:
         rule, weights = np.polynomial.legendre.leggauss(degree + 1)
         self.points, self.weights = (rule + 1) / 2, np.kron(weights, np.kron(weights, weights)) / 8
         self.grid = np.stack(np.meshgrid(*3 * [self.points], indexing="ij")[::-1], axis=-1).reshape(-1, 3)
         self.slopes, self.degree = _slopes(degree, self.points), degree
+        self.powers = np.array([each for each in product(range(degree), repeat=3) if sum(each) < degree])
         self.moduli, self.material, self.volume = moduli, material, volume
         to_basix = basix_order(CellType.hexahedron, leaf_mesh.order)
         self._of_map = _slopes(leaf_mesh.order, self.points)[:, :, to_basix]
@@ -74,7 +71,7 @@ class CellStiffness:
         products = (rows.swapaxes(1, 2) @ rows).reshape(n, 3, k, 3, k).transpose(0, 2, 4, 1, 3).reshape(n, k * k, 9)
         result = (products @ self._law[self.material[cells]]).reshape(n, k, k, 3, 3)
         some = self.projected(cells)
-        if some.any() and self.volume is not None:
+        if some.any():
             d = self._moments(metric[some], gradients[some])
             of_volume = d.swapaxes(1, 2) @ (self.volume[cells[some], None, None] * d)
             result[some] += of_volume.reshape(-1, k, 3, k, 3).transpose(0, 1, 3, 2, 4)
@@ -82,7 +79,7 @@ class CellStiffness:
 
     def projected(self, cells: IntArray) -> BoolArray:
         """(n,), True for cells whose volume strain is projected."""
-        return np.zeros(len(cells), dtype=bool) if self.volume is None else self.volume[cells] > 0
+        return np.asarray(self.volume[cells] > 0)
 
     def moments(self, cells: IntArray) -> FloatArray:
         """D of cells (n,): moments of div u with polynomials orthonormal in each cell, (n, q, 3 k) [m^(1/2)]."""
@@ -95,8 +92,7 @@ class CellStiffness:
 
     def polynomials(self, metric: FloatArray) -> FloatArray:
         """Values (n, points, q) of such polynomials times (w |J|)^(1/2)."""
-        powers = [each for each in product(range(self.degree), repeat=3) if sum(each) < self.degree]
-        values = np.prod(self.grid[:, None] ** np.array(powers), axis=2)
+        values = np.prod(self.grid[:, None] ** self.powers, axis=2)
         return np.linalg.qr(np.sqrt(self._volumes(metric))[:, :, None] * values)[0]
 
     def volumes(self, cells: IntArray) -> FloatArray:

@@ -273,7 +273,7 @@ class Elasticity(NodalSpaces):
     def cell_stiffness(self, mixed: bool = False) -> CellStiffness:
         """Stiffness of cells, `mixed`: without `volume_term`.  Local."""
         materials, material = self._materials
-        moduli, volume = np.array([one.stiffness for one in materials]), None
+        moduli, volume = np.array([one.stiffness for one in materials]), np.zeros(len(material))
         for number, one in enumerate(materials):
             if one.projected:
                 moduli[number] = one.isotropic.lame[1] * np.diag([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
@@ -286,7 +286,7 @@ class Elasticity(NodalSpaces):
         """The term of the mixed form beside its matrix.  Local."""
         soft, kernel = np.flatnonzero(self._soft), self.cell_stiffness()
         moments = [(self.cells[part], kernel.moments(part)) for part in parts(soft, 9 * self.cells.shape[1] ** 2)]
-        each = np.repeat(soft, kernel.moments(soft[:1]).shape[1])
+        each = np.repeat(soft, len(kernel.powers))
         first, second = (self._of_cells(lame)[each] for lame in self.lame)
         in_matrix = _first_lame(second)
         return VolumeTerm(self.prolongation, moments, first - in_matrix, 2 * second + in_matrix, supports)

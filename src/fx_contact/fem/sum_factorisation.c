@@ -14,12 +14,6 @@
 /* One number of each cell. */
 typedef double lanes __attribute__((vector_size(32), aligned(8)));
 #define INLINE static inline __attribute__((always_inline))
-/* The library has a version for each kind of processor, and takes the best one of its host when it is loaded. */
-#if defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__) && __GNUC__ >= 12
-#define VERSIONS __attribute__((target_clones("default", "arch=x86-64-v3")))
-#else
-#define VERSIONS
-#endif
 
 /* v := M u along an axis on which the next number is s further, or v := v + M u; v may be u. */
 INLINE void along(const double m[3][3], int s, const lanes *u, lanes *v, int add)
@@ -35,8 +29,8 @@ INLINE void along(const double m[3][3], int s, const lanes *u, lanes *v, int add
 }
 
 /* y := y + K u; without y returns u^T K u. */
-VERSIONS double add_product(int64_t groups, const int32_t *nodes, const double *law, int points,
-                          const lanes *metric, const lanes *polynomials, const double *u, double *y)
+double add_product(int64_t groups, const int32_t *nodes, const double *law, int points,
+                   const lanes *metric, const lanes *polynomials, const double *u, double *y)
 {
     lanes energy = {};
     int decoupled = 1; /* shears from normal strains and from each other, as in isotropic materials */
@@ -119,8 +113,8 @@ VERSIONS double add_product(int64_t groups, const int32_t *nodes, const double *
 }
 
 /* y := y + the blocks of 3 x 3 on the diagonal of each K, by nodes. */
-VERSIONS void add_diagonal(int64_t groups, const int32_t *nodes, const double *law, int points,
-                           const lanes *metric, const lanes *polynomials, double *y)
+void add_diagonal(int64_t groups, const int32_t *nodes, const double *law, int points,
+                  const lanes *metric, const lanes *polynomials, double *y)
 {
     for (int64_t group = 0; group < groups; group++, nodes += 108, metric += 9 * points) {
         for (int a = 0; a < 27; a++) {

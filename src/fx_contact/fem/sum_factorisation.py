@@ -215,7 +215,7 @@ def _sorted_cells(kernel: CellStiffness, places: Int32Array) -> list[_Cells]:
 
 def _grouped(kernel: CellStiffness, places: Int32Array, cells: IntArray, metric: FloatArray) -> _Cells:
     polynomials = None
-    if kernel.projected(cells).any() and kernel.volume is not None:
+    if kernel.projected(cells).any():
         scale = np.sqrt(kernel.weights[:, None] * kernel.volume[cells, None, None])
         at_points = np.broadcast_to(metric, (len(cells), 27, 9)).reshape(-1, 27, 3, 3)
         polynomials = _in_lanes(kernel.polynomials(at_points) * scale)

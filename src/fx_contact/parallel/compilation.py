@@ -21,6 +21,8 @@ from fx_contact.parallel.errors import CompilationError
 #: Flags of the C compiler that allow reordered sums, to vectorise loops over basis functions.  The internal
 #: forces of a cell of degree 2 take 17 microseconds with -O2, DOLFINx's default, and 9 with these.
 _FLAGS = ["-O3", "-fno-math-errno", "-fno-signed-zeros", "-fno-trapping-math", "-fassociative-math"]
+#: Extensions of x86 processors, as Linux and compilers call them: all forms of HERTZ-A take 0.6 of the time with them.
+_EXTENSIONS = "avx2", "fma"
 _ARGS = "cffi_extra_compile_args"
 _Thing = TypeVar("_Thing")
 
@@ -68,9 +70,19 @@ _loaded = cache(ctypes.CDLL)
 
 
 def _flags() -> list[str]:
-    """Flags, followed by those of the user's file of JIT options if it changes DOLFINx's default."""
-    given = jit.get_options()[_ARGS]
-    return _FLAGS if given == jit.DOLFINX_DEFAULT_JIT_OPTIONS[_ARGS][0] else [*_FLAGS, *given]
+    """Flags, followed by those of the user's file of JIT options if it changes DOLFINx's default.
+
+    They are part of the names of compiled files, in a folder that unlike hosts may share.
+    """
+    given, own = jit.get_options()[_ARGS], [*_FLAGS, *_for_processor()]
+    return own if given == jit.DOLFINX_DEFAULT_JIT_OPTIONS[_ARGS][0] else [*own, *given]
+
+
+@cache
+def _for_processor() -> list[str]:
+    told = Path("/proc/cpuinfo")
+    known = told.read_text().split() if told.exists() else []
+    return [f"-m{name}" for name in _EXTENSIONS if name in known]
 
 
 def _on_all_ranks(comm: MPI.Intracomm, build: Callable[[], _Thing]) -> _Thing:
