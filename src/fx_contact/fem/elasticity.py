@@ -273,7 +273,8 @@ class Elasticity(NodalSpaces):
     def cell_stiffness(self, mixed: bool = False) -> CellStiffness:
         """Stiffness of cells, `mixed`: without `volume_term`.  Local."""
         materials, material = self._materials
-        moduli, volume = np.array([one.stiffness for one in materials]), np.zeros(len(material))
+        moduli = np.array([one.stiffness for one in materials])
+        volume: FloatArray = np.zeros(len(material))
         for number, one in enumerate(materials):
             if one.projected:
                 moduli[number] = one.isotropic.lame[1] * np.diag([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
