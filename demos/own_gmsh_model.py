@@ -3,6 +3,8 @@
 Half of both bodies (x >= 0) and of their thickness are modelled: mpirun -n 2 python3 demos/own_gmsh_model.py
 """
 
+from argparse import ArgumentParser
+
 import gmsh
 import numpy as np
 from mpi4py import MPI
@@ -44,6 +46,7 @@ def model():
     gmsh.model.mesh.setOrder(2)
 
 
+ArgumentParser(description=__doc__).parse_args()  # there are no options
 held = Dirichlet("pin inside", z=3e-3), Dirichlet("eye foot", x=0.0, z=0.0)
 planes = tuple(SymmetryPlane(f"{body} {side}") for body in ("pin", "eye") for side in ("front", "cut"))
 mesh, contact = root_mesh_from_gmsh(MPI.COMM_WORLD, model), (ContactPair("pin outside", "eye inside"),)

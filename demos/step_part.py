@@ -3,6 +3,7 @@
 Tetrahedra of a quarter (x, y >= 0) are subdivided into hexahedra: mpirun -n 2 python3 demos/step_part.py
 """
 
+from argparse import ArgumentParser
 from pathlib import Path
 
 import gmsh
@@ -57,6 +58,7 @@ def model():
     mesh.setOrder(2)
 
 
+ArgumentParser(description=__doc__).parse_args()  # there are no options
 planes = tuple(SymmetryPlane(f"{body} {axis} = 0") for body in ("bolt", "pin") for axis in "xy")
 scene = Scene(
     name="eye bolt",

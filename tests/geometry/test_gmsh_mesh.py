@@ -46,6 +46,19 @@ def test_named_groups():
     assert np.allclose(np.sort(ends[..., 0], axis=None), np.repeat(np.linspace(0, 1, cells + 1), 2)[1:-1])
 
 
+def test_a_name_given_twice():
+    """Gmsh drops the second one: an error, since the group would be called by its number."""
+
+    def doubled():
+        box()
+        gmsh.model.addPhysicalGroup(2, [1], name="top")
+
+    with pytest.raises(
+        SceneError, match=r"physical group \d+ of dimension 2 .* has no name, beside top: .* given twice"
+    ):
+        root_mesh_from_gmsh(MPI.COMM_WORLD, doubled)
+
+
 def test_a_surface_apart():
     """Its quadrangles are facets of no cell."""
     with pytest.raises(SceneError, match="group 'top' .* elements that belong to no cell"):

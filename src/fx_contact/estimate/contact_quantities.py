@@ -41,7 +41,11 @@ class OfPair(Quantity):
 
     def check(self, scene: Scene) -> None:
         """As `Quantity.check`.  Local.  Raises SceneError: no such contact pair."""
-        check_name("contact pair", self.pair, [pair.name for pair in scene.contact])
+        names = [pair.name for pair in scene.contact]
+        reversed_name = " on ".join(str(self.pair).split(" on ")[::-1])
+        if self.pair not in names and reversed_name in names:
+            raise SceneError(f"unknown contact pair {self.pair!r}; did you mean {reversed_name!r}?")
+        check_name("contact pair", self.pair, names)
 
     def contact(self, scene: Scene) -> Contact:
         """The contact pair.  Local."""

@@ -189,11 +189,15 @@ def _hexahedron(model: Any) -> tuple[int, int, IntArray]:
 
 
 def _groups(model: Any, dimension: int) -> dict[str, IntArray]:
-    """Name -> entities of the physical groups of a dimension; unnamed ones are called by their number."""
-    return {
-        model.getPhysicalName(dimension, tag) or str(tag): model.getEntitiesForPhysicalGroup(dimension, tag)
-        for _, tag in model.getPhysicalGroups(dimension)
-    }
+    """Name -> entities of the physical groups of a dimension; if none has a name, they are called by their number."""
+    tags = [tag for _, tag in model.getPhysicalGroups(dimension)]
+    names = [model.getPhysicalName(dimension, tag) for tag in tags]
+    if "" in names and any(names):
+        raise SceneError(
+            f"physical group {tags[names.index('')]} of dimension {dimension} of the Gmsh model has no name, beside "
+            f"{', '.join(filter(None, names))}: give it one of its own, since Gmsh drops a name that is given twice"
+        )
+    return {name or str(tag): model.getEntitiesForPhysicalGroup(dimension, tag) for name, tag in zip(names, tags)}
 
 
 def _facing(

@@ -12,6 +12,7 @@ import numpy as np
 
 from fx_contact.geometry import hexahedron
 from fx_contact.geometry.root_mesh import RootMesh
+from fx_contact.geometry.root_mesh_checks import MOST_CELLS
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError
 
@@ -48,7 +49,9 @@ class Lattice:
             ids = _numbered(rows)
             before, used = used, used + (int(ids.max() + 1) << dimension * BITS)
             if used >= 1 << 63:
-                raise GeometryError(f"the root mesh has {ncells} cells, and the keys of their points end at 250,000")
+                raise GeometryError(
+                    f"the root mesh has {ncells:,} cells, and keys of their points end at {MOST_CELLS:,}"
+                )
             self._start[:, parts] = before + (ids.reshape(ncells, len(parts)) << dimension * BITS)
             for slot, part in enumerate(parts):
                 inside = [axis for axis in range(3) if _CODES[part][axis] == _INSIDE]

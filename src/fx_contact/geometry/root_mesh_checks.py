@@ -20,6 +20,8 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 #: Highest order of cell maps.
 MAX_ORDER = 6
+#: Most root cells, for which the keys of `geometry.lattice` have room.
+MOST_CELLS = 250_000
 #: Smallest size, and inverse of the largest one, with volumes and inertias in double precision [m].
 SMALLEST = 1e-60
 
@@ -83,6 +85,11 @@ def _check_shapes(mesh: HexahedralMesh) -> None:
         raise GeometryError(f"body must have one number for each cell, got an array of shape {mesh.body.shape}")
     if mesh.cells.min() < 0 or mesh.cells.max() >= len(mesh.points):
         raise GeometryError(f"cells name nodes outside 0..{len(mesh.points) - 1}")
+    stray = np.setdiff1d(np.arange(len(mesh.points)), mesh.cells)
+    if len(stray):
+        raise GeometryError(
+            f"nodes that belong to no cell: {len(stray)}, as node {stray[0]} at {mesh.points[stray[0]]}; leave them out"
+        )
     size = np.ptp(mesh.points, axis=0).max(initial=0.0)
     if not SMALLEST < size < 1 / SMALLEST:
         raise GeometryError(f"the root mesh is {size:.3g} large, its volumes are no numbers: check the units")

@@ -11,7 +11,7 @@ from numbers import Integral
 import numpy as np
 
 from fx_contact.geometry import hexahedron
-from fx_contact.geometry.root_mesh_checks import MAX_ORDER
+from fx_contact.geometry.root_mesh_checks import MAX_ORDER, MOST_CELLS
 from fx_contact.geometry.shapes import Placement, Shape, join
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import GeometryError, SceneError
@@ -45,6 +45,10 @@ def block(low: Sequence[float], high: Sequence[float], cells: Sequence[int], ord
     if any(a >= b for a, b in zip(low, high)):
         raise GeometryError(f"a block from {tuple(low)} to {tuple(high)} has no volume: give the low corner first")
     counts = np.array(cells, dtype=np.int64)
+    if counts.prod() > MOST_CELLS:
+        raise GeometryError(
+            f"{counts.prod():,} cells are more than the {MOST_CELLS:,} of a root mesh: refinement makes the small ones"
+        )
     axes = [np.linspace(a, b, order * n + 1) for a, b, n in zip(low, high, counts)]
     z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
     strides = np.cumprod([1, *(order * counts[:2] + 1)])

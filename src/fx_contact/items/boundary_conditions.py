@@ -306,17 +306,27 @@ def _check(what: str, value: ScalarValue | VectorValue, components: int) -> None
         check_number(what, value) if components == 1 else check_vector(what, value)
 
 
+def called(what: str, function: Callable[[FloatArray], Any], points: FloatArray) -> Any:
+    """What a user's function gives for points (n, 3) [m].  Raises SceneError for one that takes no array of them."""
+    try:
+        return function(points.T.copy())
+    except (TypeError, ValueError) as error:
+        raise SceneError(
+            f"{what} must be a function of one array (3, n) of positions, which chooses by numpy.where, not if: {error}"
+        ) from error
+
+
 def evaluated(what: str, value: Value, points: FloatArray, *shape: int) -> FloatArray:
     """Values (n, *shape) of a condition or load at points (n, 3) [m].
 
-    Raises SceneError, its message beginning with `what`, for values of another shape or not finite.
+    Raises SceneError, its message beginning with `what`, for values of another shape or not finite, or as `called`.
     """
     if not callable(value):
         return np.broadcast_to(np.array(value, dtype=np.float64), (len(points), *shape))
     if not len(points):
         return np.empty((0, *shape))
     filled: Any = np.ma.filled  # NumPy's stub has no annotations
-    given = np.asarray(filled(value(points.T.copy()), np.nan))
+    given = np.asarray(filled(called(what, value, points), np.nan))
     if given.shape != (*shape, len(points)) or given.dtype.kind not in "fiu":
         raise SceneError(
             f"{what} is a function that must give an array of shape {(*shape, len(points))} for points of shape "

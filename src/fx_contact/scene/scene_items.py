@@ -17,6 +17,7 @@ from fx_contact.items.boundary_conditions import (
     Pressure,
     SymmetryPlane,
     Traction,
+    called,
     merged,
 )
 from fx_contact.items.contact import Contact, ContactPair
@@ -93,7 +94,9 @@ class SceneItems:
         return tuple(
             (load.what, load.place)
             for load in (*self.tractions, *self.body_forces, *self.strains)
-            if not np.any(load.value(self.mesh.samples(load.place).T) if callable(load.value) else load.value)
+            if not np.any(
+                called(load.what, load.value, self.mesh.samples(load.place)) if callable(load.value) else load.value
+            )
         )
 
     @cached_property

@@ -20,7 +20,7 @@ from fx_contact.scene.scene_items import SceneItems
 
 #: Largest ratios of the moduli and of the sizes of two bodies in double precision [-].
 _STIFFEST, _SMALLEST = 1e15, 1e6
-#: Largest modulus of the softest body in named units, a hundred times that of diamond [Pa].
+#: Largest modulus in named units, a hundred times that of diamond [Pa].
 _HARDEST = 1e14
 #: Largest ratio of k L and E, and of E and k L, of springs below a body [-].  A cube on springs of k L = 1e-10 E has
 #: their force to 2e-5, on those of 1e-12 E to 1e-3, by the rounding of its rigid motion.
@@ -52,9 +52,9 @@ def check_units(scene: SceneItems) -> None:
             f"{hard!r} is {young[hard] / young[soft]:.2g} times as stiff as {soft!r}, more than double "
             "precision holds: check the units of the moduli, or make it 1e6 times as stiff, which is as good as rigid"
         )
-    if young[soft] * pascals(scene.units) > _HARDEST:
+    if young[hard] * pascals(scene.units) > _HARDEST:
         raise SceneError(
-            f"the modulus of {soft!r}, {young[soft] * pascals(scene.units):.3g} Pa, is beyond any material: check it, "
+            f"the modulus of {hard!r}, {young[hard] * pascals(scene.units):.3g} Pa, is beyond any material: check it, "
             "or the names of the units"
         )
     size = np.ptp(mesh.points, axis=0).max()

@@ -11,6 +11,9 @@ from fx_contact.scene.rigid_faces import RigidFace
 from fx_contact.scene.scene import Scene
 from fx_contact.verdict.model_warning import LARGE, MISSED, ModelWarning
 
+#: Largest ratio of moduli in one unit: steel on a soft gel has 1e5; Pa taken for MPa make 1e6 [-].
+UNLIKE = 1e5
+
 
 def warnings_of(scene: Scene) -> list[ModelWarning]:
     """Violated assumptions of a scene.  Local."""
@@ -20,7 +23,22 @@ def warnings_of(scene: Scene) -> list[ModelWarning]:
         *_loads_on_contact(scene),
         *_large_rotations(scene),
         *_free_on_planes(scene),
+        *_unlike_moduli(scene),
     ]
+
+
+def _unlike_moduli(scene: Scene) -> list[ModelWarning]:
+    """Moduli that seem to be in several units, unless the scene names its unit, in which all are materials."""
+    young = {name: scene.materials[name].isotropic.young for name in scene.mesh.regions}
+    soft, hard = min(young, key=young.__getitem__), max(young, key=young.__getitem__)
+    ratio = young[hard] / young[soft]
+    if ratio <= UNLIKE or scene.units is not None:
+        return []
+    message = (
+        f"{hard!r} is {ratio:.3g} times as stiff as {soft!r}, as if one modulus were in Pa and the other in MPa; limit "
+        f"{UNLIKE:g}, from which on a body is as good as rigid; `Scene(units=...)` checks each modulus instead"
+    )
+    return [ModelWarning("unlike moduli", ratio, UNLIKE, hard, message)]
 
 
 def _large_rotations(scene: Scene) -> list[ModelWarning]:
