@@ -33,6 +33,7 @@ STANDARD = {
 LARGE = {
     Case("hertz", "--tolerance 0.003"): (None, None),
     Case("hertz", "--tolerance 0.0014"): (None, None),
+    Case("hertz", "--tolerance 0.0007"): (None, None),
     Case("indentation", "--degree 1 --symmetry full --tolerance 0.04"): (None, None),
     Case("hertz", "--degree 1 --tolerance 0.02"): (None, None),
     Case("hertz", "--degree 1 --tolerance 0.014"): (None, None),
