@@ -1,8 +1,8 @@
 """PETSc's Krylov methods on an `Operator` and a preconditioner; conjugate gradients in the natural norm."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -28,8 +28,6 @@ _UNFIT = (PETSc.PC.Type.NONE, PETSc.PC.Type.MAT, PETSc.PC.Type.LMVM, PETSc.PC.Ty
 _NO_LIMIT = 1e30
 #: Most runs of PCG in one solve; it restarts after a first guess with more energy than the solution.
 _RUNS = 3
-
-_Callback = Callable[[PETSc.Vec, PETSc.Vec], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +71,10 @@ class KrylovMethod(ABC):
         self._size = matrix.getLocalSize()[0]
         self._projected = ProjectedPreconditioner(self.preconditioner, objects.add(matrix.createVecRight()))
         sizes = ((self._size + pressures, PETSc.DETERMINE),) * 2
-        shell = _Shell(self._product), _Shell(self._precondition, self._projected.view)
-        operator = objects.add(PETSc.Mat().createPython(sizes, shell[0], self._comm))
-        outer = objects.add(PETSc.PC().createPython(shell[1], self._comm))
+        product = SimpleNamespace(mult=self._product)
+        operator = objects.add(PETSc.Mat().createPython(sizes, product, self._comm))
+        inverse = SimpleNamespace(apply=self._precondition, view=self._projected.view)
+        outer = objects.add(PETSc.PC().createPython(inverse, self._comm))
         outer.setOperators(operator, operator)
         self._ksp.setPC(outer)
         self._ksp.setOperators(operator, operator)
@@ -119,9 +118,9 @@ class KrylovMethod(ABC):
         self._projected.projector = equations.projector
 
     @abstractmethod
-    def _product(self, x: PETSc.Vec, y: PETSc.Vec) -> None: ...
+    def _product(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None: ...
 
-    def _precondition(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+    def _precondition(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         self._projected.apply(x, y)
 
     @abstractmethod
@@ -144,7 +143,7 @@ class ConjugateGradients(KrylovMethod):
     METHODS = ("cg", "fcg", "groppcg", "pipecg", "pipefcg")
     NORM = PETSc.KSP.NormType.NATURAL
 
-    def _product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+    def _product(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         y.set(0.0)
         self._operator.add_product(x.array_r.reshape(-1, 3), y.array.reshape(-1, 3))
 
@@ -173,19 +172,3 @@ class ConjugateGradients(KrylovMethod):
             if start >= least:
                 break
         return Outcome(u, reason, count, error)
-
-
-class _Shell:
-    """An operator or a preconditioner, as PETSc calls it."""
-
-    def __init__(self, product: _Callback, view: Callable[[PETSc.Viewer], None] | None = None) -> None:
-        self._product, self._view = product, view
-
-    def mult(self, _: PETSc.Object, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._product(x, y)
-
-    apply = mult
-
-    def view(self, _: PETSc.Object, viewer: PETSc.Viewer) -> None:
-        if self._view is not None:
-            self._view(viewer)

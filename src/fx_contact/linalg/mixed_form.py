@@ -121,13 +121,13 @@ class FlexibleGmres(KrylovMethod):
     def _parts(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         return values[: self._size].reshape(-1, 3), values[self._size :]
 
-    def _product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+    def _product(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         u, pressure = self._parts(x.array_r)
         forces = self._volume.forces(pressure)
         self._operator.add_product(u, forces)
         y.array[:] = self._scaled(forces, self._volume.strains(u) - pressure / self._volume.missing)
 
-    def _precondition(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+    def _precondition(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         forces, strains = self._unscaled(x.array_r)
         pressure = -self._volume.schur * strains
         displacement = self._inverse(forces - self._volume.forces(pressure))

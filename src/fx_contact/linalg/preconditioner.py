@@ -115,6 +115,6 @@ class ProjectedPreconditioner:
         self.projector.apply(u)
         self.projector.add_yielding(forces, u)
 
-    def view(self, viewer: PETSc.Viewer) -> None:
+    def view(self, _: PETSc.PC, viewer: PETSc.Viewer) -> None:
         """The text of `-fx_ksp_view`."""
         self._inner.view(viewer)
