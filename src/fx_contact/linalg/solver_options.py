@@ -55,12 +55,6 @@ _BLOCKS = {
     "mg_levels_sub_pc_type": "lu",
     "mg_levels_sub_pc_factor_mat_ordering_type": "nd",
 }
-#: Options of p-multigrid where the coarse level is factorised.
-_COARSE_FACTORS = {
-    "mg_coarse_pc_type": "cholesky",
-    "mg_coarse_pc_factor_mat_solver_type": "mumps",
-    "mg_coarse_mat_mumps_icntl_14": PRECONDITIONERS["cholesky"]["mat_mumps_icntl_14"],
-}
 #: Unknowns up to which BoomerAMG coarsens less, as hypre advises for elasticity.  Levels cost nothing there, and
 #: aggressive coarsening leaves too few unknowns, 6 of 162, to represent several bodies.
 _FEW, _OF_FEW = 10_000, {"pc_hypre_boomeramg_agg_nl": 0, "pc_hypre_boomeramg_strong_threshold": 0.7}
@@ -77,8 +71,8 @@ def preconditioner_options(name: str, unknowns: int, blocks: bool = False, facto
     """
     options = PRECONDITIONERS[name]
     if name == "p-multigrid":
-        below = preconditioner_options("boomeramg", unknowns // 8)
-        coarse = _COARSE_FACTORS if factors else {f"mg_coarse_{option}": value for option, value in below.items()}
+        below = preconditioner_options("cholesky" if factors else "boomeramg", unknowns // 8)
+        coarse = {f"mg_coarse_{option}": value for option, value in below.items()}
         return options | (_BLOCKS if blocks else {}) | coarse
     return options | _OF_FEW if name == "boomeramg" and unknowns <= _FEW else options
 
