@@ -21,6 +21,7 @@ from fx_contact.contact.precedence import Precedence, mean_normals
 from fx_contact.contact.rim import Rim
 from fx_contact.contact.rim_pressure import RimPressure
 from fx_contact.contact.row_entries import KeyedEntries
+from fx_contact.fem.cell_products import cell_constraints
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.geometry import hexahedron
@@ -172,26 +173,13 @@ def _node_points(anchor: IntArray, level: IntArray, face: IntArray, degree: int)
 
 def _conforming(prolongation: Prolongation, nodes: IntArray) -> tuple[FloatArray, Int64Array]:
     """Tables (n, k, k) of hanging nodes of facets by their nodes (n, k), and conforming nodes (n, k) of each."""
-    count, k = nodes.shape
-    rows = prolongation.matrix[nodes.ravel()].tocoo()
-    facet, local = np.divmod(rows.row.astype(np.int64), k)
-    used, column = np.unique(np.stack([facet, rows.col.astype(np.int64)], axis=1), axis=0, return_inverse=True)
-    column = column.ravel() - k * facet
-    assert len(used) == count * k, "a facet has as many conforming functions as nodes"
-    tables = np.zeros((count, k, k))
-    tables[facet, local, column] = rows.data
-    conforming = used[:, 1].reshape(count, k)
-    # Conforming nodes of the facet itself keep its order.
-    own = prolongation.conforming[nodes]
-    place = np.where(own >= 0, own, -1)
-    where = (place[:, :, None] == conforming[:, None, :]) & (place[:, :, None] >= 0)
-    order = np.where(where.any(axis=2), where.argmax(axis=2), -1)
-    taken = where.any(axis=1)
-    for_hanging = np.argsort(taken, axis=1, kind="stable")
-    rank = np.cumsum(order < 0, axis=1) - 1
-    order = np.where(order < 0, np.take_along_axis(for_hanging, np.maximum(rank, 0), axis=1), order)
-    conforming = np.take_along_axis(conforming, order, axis=1)
-    return np.take_along_axis(tables, order[:, None, :], axis=2), conforming
+    conforming, tables = cell_constraints(prolongation, nodes)
+    assert conforming.shape == nodes.shape, "a facet has as many conforming functions as nodes"
+    # Conforming nodes of the facet itself keep their order, others are in the places of hanging ones.
+    same = prolongation.conforming[nodes][:, :, None] == conforming[:, None]
+    order = same.argmax(axis=2)
+    order[~same.any(axis=2)] = np.nonzero(~same.any(axis=1))[1]
+    return np.take_along_axis(tables, order[:, None], axis=2), np.take_along_axis(conforming, order, axis=1)
 
 
 def _kept(prolongation: Prolongation, dual: DualFunctions, nodes: Int64Array) -> BoolArray:

@@ -24,9 +24,9 @@ def node_couplings(prolongation: Prolongation, cells: IntArray) -> csr_matrix:
 
 
 def cell_constraints(prolongation: Prolongation, cells: IntArray) -> tuple[Int64Array, FloatArray]:
-    """Masters (n, l) of the nodes of cells (n, k), and their weights C (n, k, l), 0 where there are fewer.
+    """Masters (n, l) of the nodes of cells or facets (n, k), and their weights C (n, k, l), 0 where there are fewer.
 
-    Local.  Masters are positions in the index map, nodes in the space.
+    Local.  Masters are positions in the index map, nodes in the space; l is at least k.
     """
     rows = prolongation.matrix[cells.ravel()]
     width = rows.shape[1]
@@ -35,7 +35,7 @@ def cell_constraints(prolongation: Prolongation, cells: IntArray) -> tuple[Int64
     cell, master = np.divmod(distinct, width)
     first = np.searchsorted(cell, np.arange(len(cells)))
     local = np.arange(len(distinct)) - first[cell]
-    count = local.max(initial=-1) + 1
+    count = local.max(initial=cells.shape[1] - 1) + 1
     masters = np.repeat(master[first][:, None], count, axis=1)
     masters[cell, local] = master
     weights = np.zeros((*cells.shape, count))
