@@ -258,9 +258,7 @@ class ConstraintRows:
 
     def transposed(self, force: FloatArray) -> FloatArray:
         """B^T f of forces (n,), at the conforming nodes: (owned, 3) [N].  Collective."""
-        sums = self.prolongation.zeros(3)
-        np.add.at(sums, self.entries.node, force[self.entries.row][:, None] * self.values)
-        return self.prolongation.summed(sums)
+        return self.prolongation.sums_at(self.entries.node, force[self.entries.row][:, None] * self.values)
 
     def sliding(self, u: FloatArray) -> FloatArray:
         """Tangential distance of the sides, deformed, 0 in rows that slide: (n,) [m].  Collective; as `closing`."""

@@ -108,10 +108,7 @@ class MortarRows(RowKind):
         stiffness[some] = spring_stiffness(enforcement, moduli(self.scene, facing[some]), area)
         across = integrals.first_normal - integrals.second_normal
         of_area = integrals.area[..., None], stiffness[..., None], across, integrals.apart, integrals.position
-        shares = np.concatenate(of_area, axis=2)
-        sums = prolongation.zeros(11)
-        np.add.at(sums, nodes, shares)
-        sums = prolongation.summed(sums)
+        sums = prolongation.sums_at(nodes, np.concatenate(of_area, axis=2))
         owned = slice(prolongation.owned)
         ours = np.flatnonzero(kept[owned])
         row = np.full(prolongation.owned, -1)
@@ -184,9 +181,8 @@ def _conforming(prolongation: Prolongation, nodes: IntArray) -> tuple[FloatArray
 
 def _kept(prolongation: Prolongation, dual: DualFunctions, nodes: Int64Array) -> BoolArray:
     """Conforming nodes that have a row: (owned + ghosts,).  Collective."""
-    sums = prolongation.zeros(2)
-    np.add.at(sums, nodes, np.stack([dual.cover, dual.whole], axis=2))
-    cover, whole = prolongation.ghosted(prolongation.summed(sums)).T
+    sums = prolongation.sums_at(nodes, np.stack([dual.cover, dual.whole], axis=2))
+    cover, whole = prolongation.ghosted(sums).T
     part = np.divide(cover, whole, out=np.zeros_like(cover), where=whole > 0)
     wanted = prolongation.zeros(1)
     wanted[nodes[dual.candidates(part[nodes])]] = 1.0

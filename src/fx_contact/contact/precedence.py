@@ -72,11 +72,9 @@ def _projectors(across: FloatArray) -> FloatArray:
 
 def mean_normals(prolongation: Prolongation, leaf: Int64Array, face: Int64Array) -> FloatArray:
     """Mean unit normals of leaf facets at their nodes, 0 elsewhere: (owned + ghosts, 3).  Collective."""
-    here, result = _nodes(prolongation, leaf, face), prolongation.zeros(3)
-    outward = prolongation.space.forest.facets(leaf, face).mean_outward
-    some = np.flatnonzero(here.ravel() >= 0)
-    np.add.at(result, here.ravel()[some], np.repeat(outward, here.shape[1], axis=0)[some])
-    result = prolongation.ghosted(prolongation.summed(result))
+    here = _nodes(prolongation, leaf, face)
+    outward = np.repeat(prolongation.space.forest.facets(leaf, face).mean_outward[:, None], here.shape[1], axis=1)
+    result = prolongation.ghosted(prolongation.sums_at(here[here >= 0], outward[here >= 0]))
     return np.asarray(result / np.maximum(np.linalg.norm(result, axis=1), np.finfo(float).tiny)[:, None])
 
 

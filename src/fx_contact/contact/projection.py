@@ -41,10 +41,8 @@ class Projection:
         weighted = jump.values / _weights(rows)[:, None]
         self._weighted = Products(rows, weighted)
         diagonal = entries.sums((jump.values * weighted).sum(axis=1), len(rows))
-        count = rows.prolongation.zeros(3)
-        np.add.at(count, entries.node, (jump.values != 0).astype(float))
-        most = float(rows.prolongation.summed(count).max(initial=0.0))
-        shared = self._comm.allreduce(most, op=MPI.MAX) > 1
+        count = rows.prolongation.sums_at(entries.node, (jump.values != 0).astype(float))
+        shared = self._comm.allreduce(float(count.max(initial=0.0)), op=MPI.MAX) > 1
         share = rows.area / rows.node_area if shared else None
         self._gram = Gram(self._comm, jump.matrix, self._weighted, diagonal, share)
 
@@ -108,7 +106,6 @@ def _weights(rows: ConstraintRows) -> FloatArray:
     """W at the entries (b,), the mean at each node: rows of bonded parts share nodes.  Collective."""
     entries, kinds = rows.entries, np.array([[1.0, kind.FOLLOWED] for kind in rows.kinds])
     weight = kinds[rows.contact[entries.row], entries.side] * rows.modulus[entries.row, entries.side]
-    sums = rows.prolongation.zeros(2)
-    np.add.at(sums, entries.node, np.column_stack([weight, np.ones_like(weight)]))
-    total, count = rows.prolongation.ghosted(rows.prolongation.summed(sums))[entries.node].T
+    sums = rows.prolongation.sums_at(entries.node, np.column_stack([weight, np.ones_like(weight)]))
+    total, count = rows.prolongation.ghosted(sums)[entries.node].T
     return np.asarray(total / count)

@@ -52,7 +52,6 @@ class RimPressure:
 
     def _summed(self, values: FloatArray) -> FloatArray:
         """Sums (n,) at the rows of values (m, (p+1)^2) at the nodes of the facets.  Collective."""
-        sums, result = self._rows.prolongation.zeros(1), np.zeros(len(self._rows))
-        np.add.at(sums[:, 0], self._rim.nodes, values)
-        result[self._ours] = self._rows.prolongation.summed(sums)[self._rows.first[self._ours], 0]
+        sums, result = self._rows.prolongation.sums_at(self._rim.nodes, values[..., None]), np.zeros(len(self._rows))
+        result[self._ours] = sums[self._rows.first[self._ours], 0]
         return result

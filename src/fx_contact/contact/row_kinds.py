@@ -179,10 +179,10 @@ def _across_others(rows: ConstraintRows, contact: int) -> FloatArray:
     others = (rows.role == Role.NORMAL) & (rows.contact != contact) & (rows.gap <= _TOUCHING * np.sqrt(rows.area))
     if not prolongation.comm.allreduce(bool(others.any()), op=MPI.LOR):
         return result.reshape(-1, 3, 3)
-    across, part = prolongation.zeros(9), np.abs(entries.weight)[:, None]
+    part = np.abs(entries.weight)[:, None]
     outer = np.einsum("ni,nj->nij", rows.normal, rows.normal).reshape(-1, 9) * others[:, None]
-    np.add.at(across, entries.node, part * outer[entries.row])
-    np.add.at(result, entries.row, part * prolongation.ghosted(prolongation.summed(across))[entries.node])
+    across = prolongation.ghosted(prolongation.sums_at(entries.node, part * outer[entries.row]))
+    np.add.at(result, entries.row, part * across[entries.node])
     return result.reshape(-1, 3, 3)
 
 
@@ -222,9 +222,8 @@ def _at_conforming(entries: KeyedEntries, prolongation: Prolongation) -> Entries
 def _sharing(rows: ConstraintRows, across: FloatArray, node_stiffness: float | None) -> ConstraintRows:
     """Rows of several contacts at one node as of one surface: stiffness by area, and one normal if it is smooth."""
     prolongation, ours = rows.prolongation, rows.role == Role.NORMAL
-    sums = prolongation.zeros(5)
-    np.add.at(sums, rows.first[ours], np.column_stack([rows.stiffness, rows.area, across])[ours])
-    stiffness, area, *mean = prolongation.ghosted(prolongation.summed(sums))[rows.first].T
+    sums = prolongation.sums_at(rows.first[ours], np.column_stack([rows.stiffness, rows.area, across])[ours])
+    stiffness, area, *mean = prolongation.ghosted(sums)[rows.first].T
     mean = np.stack(mean, axis=1) / np.maximum(np.linalg.norm(mean, axis=0), np.finfo(float).tiny)[:, None]
     smooth = np.einsum("ni,ni->n", mean, rows.normal) > SMOOTH
     normal = np.where((smooth & ours)[:, None], mean, rows.normal)

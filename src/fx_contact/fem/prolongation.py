@@ -157,9 +157,7 @@ class Prolongation:
 
         Collective on comm.
         """
-        sums = self.zeros(values.shape[1] + 1)
-        sums[at] = np.column_stack([values, np.ones(len(at))])
-        sums = self.summed(sums)
+        sums = self.sums_at(at, np.column_stack([values, np.ones(len(at))]))
         with np.errstate(invalid="ignore"):
             return sums[:, :-1] / sums[:, -1:]
 
@@ -174,6 +172,15 @@ class Prolongation:
         gathered.array[:] = values.ravel()
         gathered.scatter_reverse(InsertMode.add)
         return gathered.array[: self.owned * values.shape[1]].reshape(self.owned, values.shape[1]).copy()
+
+    def sums_at(self, at: IntArray, values: FloatArray) -> FloatArray:
+        """Sums (owned, k) over the ranks of values (n, ..., k) at positions (n, ...) in `index_map`.
+
+        Collective on comm.
+        """
+        sums = self.zeros(values.shape[-1])
+        np.add.at(sums, at, values)
+        return self.summed(sums)
 
     def _vector(self, k: int) -> Vector:
         """A vector of k components a node, made once: its two communicators cost more than its messages."""
