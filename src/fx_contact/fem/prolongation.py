@@ -107,8 +107,7 @@ class Prolongation:
         """(owned + ghosts,), lattice keys of the conforming nodes.  Local."""
         size = self.index_map.size_local + self.index_map.num_ghosts
         keys: Int64Array = np.empty(size, dtype=np.int64)
-        conforming = self.conforming >= 0
-        keys[self.conforming[conforming]] = self.space.keys[conforming]
+        keys[self.conforming[~self.hanging]] = self.space.keys[~self.hanging]
         keys[size - len(self._away) :] = self._away
         return keys
 
@@ -130,10 +129,7 @@ class Prolongation:
 
     def injected(self, values: npt.NDArray[_Scalar]) -> npt.NDArray[_Scalar]:
         """Owned conforming values (owned, ...) of values (m, ...) at all nodes, R with R P = I.  Local."""
-        own = (self.conforming >= 0) & (self.conforming < self.owned)
-        result = np.empty((self.owned, *values.shape[1:]), values.dtype)
-        result[self.conforming[own]] = values[own]
-        return result
+        return values[(self.conforming >= 0) & (self.conforming < self.owned)]
 
     def prolong(self, values: FloatArray) -> FloatArray:
         """P: values (m, k) at all nodes from the owned conforming ones (owned, k).  Collective on comm."""
@@ -266,7 +262,7 @@ def _resolve(
     slaves, keys, shares = _expand(hanging, rows[hanging], np.ones(len(hanging)))
     slaves = np.concatenate([slaves, len(space) + np.arange(len(needed))])
     keys, shares = np.concatenate([keys, needed]), np.concatenate([shares, np.ones(len(needed))])
-    done = []
+    done = [(slaves[:0], keys[:0], shares[:0])]
     while space.directory.comm.allreduce(len(keys)):
         place = space.find(keys)
         above = rows[np.maximum(place, 0)] if len(rows) else np.full((len(keys), rows.shape[1]), _NONE)
@@ -275,8 +271,6 @@ def _resolve(
         chained = (above[:, : masters.shape[1]] != _NONE).any(axis=1)
         done.append((slaves[~chained], keys[~chained], shares[~chained]))
         slaves, keys, shares = _expand(slaves[chained], above[chained], shares[chained])
-    if not done:
-        return slaves, keys, shares
     slaves, keys, shares = (np.concatenate(column) for column in zip(*done))
     return slaves, keys, shares
 
