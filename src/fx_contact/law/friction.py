@@ -20,7 +20,7 @@ from mpi4py import MPI
 from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_system import Springs
 from fx_contact.items.friction import Friction, TangentialLaw
-from fx_contact.law.tangents import Change, TangentialStatus
+from fx_contact.law.tangents import TangentialStatus
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 
 #: Depth of Anderson's method (`studies.cost.friction`).
@@ -95,7 +95,7 @@ class FrictionStatus(TangentialStatus):
         factors = np.linalg.lstsq(products[:, :-1], products[:, -1], rcond=None)[0]
         return np.maximum(bound - factors @ (steps + residuals), 0.0)
 
-    def update(self, force: FloatArray, jump: FloatArray, active: BoolArray, noise: float) -> Change:
+    def update(self, force: FloatArray, jump: FloatArray, active: BoolArray, noise: float) -> FloatArray:
         """As `TangentialStatus.update`.  A node keeps its status if |p| differs from g by less than the noise."""
         closed, c = active[self._normal], self._stiffness
         f, d = force[self._pair], np.where(self.slips[:, None], jump[self._pair] - self._shift, 0.0)
@@ -117,8 +117,5 @@ class FrictionStatus(TangentialStatus):
         excess = np.maximum(size - self.bound, np.finfo(float).eps * size)
         self._across = np.divide(self.bound * c, excess, out=np.zeros_like(bound), where=slips & (excess > 0))
         change = np.where(some, forces[:, None] * self._along - before, 0.0)
-        return Change(
-            int(np.count_nonzero(changed)),
-            float((change**2 / c[:, None]).sum()),
-            float((pressed - pulled)[closed].sum()),
-        )
+        energy = (change**2 / c[:, None]).sum()
+        return np.array([np.count_nonzero(changed), energy, (pressed - pulled)[closed].sum()], dtype=np.float64)

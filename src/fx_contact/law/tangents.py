@@ -4,7 +4,6 @@ The slip of a load step is d = B_t u - s, s of the load step before (`History`).
 """
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,20 +11,6 @@ from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_system import Springs
 from fx_contact.items.friction import TangentialLaw
 from fx_contact.parallel.arrays import BoolArray, FloatArray
-
-
-class Change(NamedTuple):
-    """Change of a status on this rank.
-
-    Attributes:
-        nodes: number of nodes that begin to stick or slip.
-        energy: sum of |change of force|^2 / k_c where nodes slip [J].
-        bound: sum of the bounds of the force, negative where closed nodes pull: they will open [N].
-    """
-
-    nodes: int = 0
-    energy: float = 0.0
-    bound: float = 0.0
 
 
 class TangentialStatus(ABC):
@@ -52,13 +37,18 @@ class TangentialStatus(ABC):
     def turn_back(self, force: FloatArray) -> None:
         """Exchange forces (n,) in turned rows by those in t1 and t2."""
 
-    def update(self, force: FloatArray, jump: FloatArray, active: BoolArray, noise: float) -> Change:
+    def update(self, force: FloatArray, jump: FloatArray, active: BoolArray, noise: float) -> FloatArray:
         """New status by forces f and jumps B u of all rows (n,), found for closed normals (n,).  Collective.
 
         Args:
             noise: error of the linear solver in the energy norm [J^(1/2)].
+
+        Returns:
+            (3,), the change on this rank: the number of nodes that begin to stick or slip, the sum of
+            |change of force|^2 / k_c where nodes slip [J], and the sum of the bounds of the force, negative where
+            closed nodes pull: they will open [N].
         """
-        return Change()
+        return np.zeros(3)
 
     def slipping(self) -> BoolArray:
         """(n,), normals of ours whose tangents slip with a bounded force."""
