@@ -5,7 +5,6 @@ vertices of the leaves.
 """
 
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,20 +22,6 @@ _GAUSS: dict[int, tuple[FloatArray, FloatArray]] = {
     1: (0.5 + np.array([-0.5, 0.5]) / np.sqrt(3), np.array([0.5, 0.5])),
     2: (0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6), np.array([5.0, 8.0, 5.0]) / 18),
 }
-
-
-class FacetRule(NamedTuple):
-    """Gauss rule on a facet: weights (g,) on the unit square, and at its points shape functions (g, (p+1)^2).
-
-    Attributes:
-        values: of the shape functions.
-        first, second: their derivatives along the tangents.
-    """
-
-    weights: FloatArray
-    values: FloatArray
-    first: FloatArray
-    second: FloatArray
 
 
 class Space:
@@ -113,12 +98,17 @@ class Space:
         return forest.lattice.keys(cell, opposite)
 
     @cached_property
-    def facet_rule(self) -> FacetRule:
-        """Gauss rule on a facet, exact for products of its shape functions with the Jacobian of affine facets."""
+    def facet_rule(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Gauss rule on a facet, exact for products of its shape functions with the Jacobian of affine facets.
+
+        Weights (g,) on the unit square, and at the points the shape functions and their derivatives along the first and
+        the second tangent, (g, (p+1)^2).
+        """
         x, w = _GAUSS[self.degree]
         value, slope = hexahedron.lagrange(self.degree, x), hexahedron.lagrange_derivative(self.degree, x)
         pairs = (w, w), (value, value), (value, slope), (slope, value)
-        return FacetRule(*(np.asarray(np.kron(*pair), dtype=np.float64) for pair in pairs))
+        weights, values, first, second = (np.asarray(np.kron(*pair), dtype=np.float64) for pair in pairs)
+        return weights, values, first, second
 
 
 def child_error(degree: int) -> float:

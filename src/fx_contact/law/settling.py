@@ -11,7 +11,7 @@ not turn normals are part of the linear system (`contact.row_motions`).
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from mpi4py import MPI
@@ -42,19 +42,9 @@ _TOUCHING, _STEPS = 0.01, 30
 _BISECTIONS = 20
 
 
-class Settled(NamedTuple):
-    """Equilibrium: t (k,) [m], the jump there, displacement (owned, 3) [m], trial forces (n,) [N], error [J^(1/2)]."""
-
-    distances: FloatArray
-    jump: Jump
-    displacement: FloatArray
-    trial: FloatArray
-    energy_error: float
-
-
 def settle(
     problem: ContactProblem, jump: Jump, system: ContactSystem, law: Unilateral, u: FloatArray, options: Solver
-) -> Settled:
+) -> tuple[FloatArray, Jump, FloatArray, FloatArray, float]:
     """Move obstacles to where contact forces balance the forces on them, up to the linear solver's error.
 
     Collective.
@@ -62,6 +52,9 @@ def settle(
     Args:
         jump: of the system, with rows where the obstacles begin.
         u: (owned, 3), first guess [m].
+
+    Returns:
+        t (k,) [m], the jump there, displacement (owned, 3) [m], trial forces (n,) [N], and energy error [J^(1/2)].
 
     Raises:
         SolveError: an obstacle does not settle, or as `solve_law`.
@@ -86,7 +79,7 @@ def settle(
             allowed = 2 * error * np.sqrt(stiffness) + ROUNDING * size * stiffness
             allowed += options.tolerance * motions.loads  # a free body in balance has no stiffness
             if (np.abs(excess) <= allowed).all():
-                return Settled(t, jump, u, trial, error)
+                return t, jump, u, trial, error
             step = _step(motions, u, excess, slope)
             before = -float(excess @ step)
             t, u = t + step, u - np.tensordot(step, z, axes=1)
