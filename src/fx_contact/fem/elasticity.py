@@ -25,7 +25,6 @@ from fx_contact.fem.volume_term import VolumeTerm
 from fx_contact.items.materials import Material, Orthotropic
 from fx_contact.linalg.matrix import BlockMatrix, create_matrix
 from fx_contact.parallel.arrays import FloatArray, IntArray
-from fx_contact.parallel.compilation import compiled
 from fx_contact.parallel.memory import give_back
 from fx_contact.parallel.timing import Stages
 
@@ -253,14 +252,9 @@ class Elasticity(NodalSpaces):
         give_back()
         return total.result()
 
-    def measure(self, cells: IntArray | None = None) -> ufl.Measure:
-        """Volume of this rank's cells, or some of them, by the Gauss rule of `quadrature_degree`.  Local."""
-        where, domain = ("everywhere", None) if cells is None else (1, [(1, np.asarray(cells, dtype=np.int32))])
-        return ufl.Measure("dx", self.mesh, where, {"quadrature_degree": self.quadrature_degree}, domain)
-
-    def _compiled(self, integrand: ufl.core.expr.Expr, cells: IntArray | None = None) -> fem.Form:
-        with self._stages("compile"):
-            return compiled(self.prolongation.comm, integrand * self.measure(cells))
+    def measure(self) -> ufl.Measure:
+        """Volume of this rank's cells, by the Gauss rule of `quadrature_degree`.  Local."""
+        return ufl.Measure("dx", self.mesh, "everywhere", {"quadrature_degree": self.quadrature_degree})
 
     def _integral(self, name: str, integrand: ufl.core.expr.Expr) -> Integral:
         """Integral of an expression of `argument`, kept by name."""
