@@ -126,7 +126,7 @@ def test_what_holds_a_node_shares_its_force(problem):
     scene, forest = problem
     prolongation = Prolongation(Space(forest, 2))
     position, _ = conforming_positions(forest, prolongation)
-    supports, held = find_supports(scene, forest, prolongation), held_nodes(scene, prolongation)
+    supports, held = find_supports(scene, forest, prolongation), held_nodes(prolongation, scene.conditions)
     residual = noise(position)
     shared, total = shared_forces(scene.conditions, held, residual), np.zeros_like(residual)
     for condition, nodes in zip(scene.conditions, held):

@@ -57,7 +57,7 @@ def held_jumps(scene: Scene, rows: ConstraintRows) -> FloatArray:
 
 def _add_conditions(scene: Scene, prolongation: Prolongation, across: FloatArray) -> None:
     """Add the sums of n n^T, n the prescribed directions, to those of nodes (owned + ghosts, 9).  Collective."""
-    for nodes, condition in zip(held_nodes(scene, prolongation), scene.conditions):
+    for nodes, condition in zip(held_nodes(prolongation, scene.conditions), scene.conditions):
         across[nodes] += condition.across.ravel()
 
 

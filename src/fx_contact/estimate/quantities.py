@@ -156,7 +156,7 @@ class Reaction(Quantity):
     def functional(self, state: SolvedState, residual: FloatArray) -> Functional:
         """As `Quantity.functional`; conditions of one node share its reaction."""
         scene, direction = state.scene, self._unit_direction(state.scene)
-        held = held_nodes(scene, state.elasticity.prolongation)
+        held = held_nodes(state.elasticity.prolongation, scene.conditions)
         shared, w = shared_forces(scene.conditions, held, residual), np.zeros(residual.shape)
         image, vector = scene.mirrors.force(direction), np.zeros_like(direction)
         for nodes, condition in zip(held, scene.conditions):

@@ -50,17 +50,13 @@ def find_supports(scene: Scene, forest: Forest, prolongation: Prolongation) -> S
         with together(forest.comm):
             place = partial(_position, prolongation, ours)
             result[ours] = merged(result[ours], condition, mean[ours], _SAME * largest, place)
-    if not scene.oblique_planes:
-        return Supports(result)
-    return Supports(*_with_planes(scene, prolongation, result, largest))
+    return _with_planes(scene, prolongation, result, largest) if scene.oblique_planes else Supports(result)
 
 
-def _with_planes(
-    scene: Scene, prolongation: Prolongation, prescribed: FloatArray, largest: float
-) -> tuple[FloatArray, tuple[Int64Array, FloatArray]]:
-    """Arguments of Supports: prescribed components, those by planes across axes included, and P at oblique planes."""
+def _with_planes(scene: Scene, prolongation: Prolongation, prescribed: FloatArray, largest: float) -> Supports:
+    """Supports by prescribed components, those by planes across axes included, and by oblique planes."""
     across: FloatArray = np.zeros((len(prescribed), 3, 3))
-    for plane, nodes in zip(scene.oblique_planes, held_nodes(scene, prolongation, scene.oblique_planes)):
+    for plane, nodes in zip(scene.oblique_planes, held_nodes(prolongation, scene.oblique_planes)):
         with together(prolongation.comm):
             plane.check(prescribed[nodes], largest, partial(_position, prolongation, nodes))
         across[nodes] += plane.across
@@ -71,7 +67,7 @@ def _with_planes(
     prescribed[nodes] = np.where(axes, 0.0, prescribed[nodes])
     span = _span(span, free & ~axes)
     some = span.any(axis=(1, 2))
-    return prescribed, (nodes[some], np.eye(3) - span[some])
+    return Supports(prescribed, (nodes[some], np.eye(3) - span[some]))
 
 
 def _span(matrices: FloatArray, free: BoolArray) -> FloatArray:
@@ -105,14 +101,8 @@ def shared_forces(
     return result
 
 
-def held_nodes(
-    scene: Scene, prolongation: Prolongation, conditions: Sequence[Dirichlet | ObliquePlane] | None = None
-) -> list[Int64Array]:
-    """Owned conforming nodes (k,) on which each condition acts; all of `scene.conditions` by default.
-
-    Collective on prolongation.comm.
-    """
-    conditions = scene.conditions if conditions is None else conditions
+def held_nodes(prolongation: Prolongation, conditions: Sequence[Dirichlet | ObliquePlane]) -> list[Int64Array]:
+    """Owned conforming nodes (k,) on which each condition acts.  Collective on prolongation.comm."""
     on = prolongation.zeros(len(conditions))
     for column, condition in enumerate(conditions):
         on[prolongation.conforming[_conforming_at(prolongation, condition.where)], column] = 1

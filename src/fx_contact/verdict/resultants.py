@@ -146,7 +146,7 @@ def _of_interfaces(state: SolvedState, centre: FloatArray) -> FloatArray:
 def _of_conditions(state: SolvedState, residual: FloatArray, centre: FloatArray) -> FloatArray:
     """Reactions at this rank's nodes: (conditions, bodies, 6).  Collective."""
     conditions = state.scene.conditions
-    constrained = held_nodes(state.scene, state.elasticity.prolongation)
+    constrained = held_nodes(state.elasticity.prolongation, conditions)
     shared = shared_forces(conditions, constrained, residual)
     entry = np.repeat(np.arange(len(constrained)), list(map(len, constrained)))
     nodes = np.concatenate([np.zeros(0, dtype=np.int64), *constrained])
