@@ -9,7 +9,7 @@ cross; which of them are depends on what is closed, and the projection solves th
 import numpy as np
 
 from fx_contact.contact.constraint_rows import ConstraintRows, Role
-from fx_contact.fem.dirichlet import SAME_PLANE, held_nodes
+from fx_contact.fem.dirichlet import held_nodes, spans
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.items.contact import SMOOTH
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array
@@ -64,9 +64,7 @@ def _add_conditions(scene: Scene, prolongation: Prolongation, across: FloatArray
 def _projectors(across: FloatArray) -> FloatArray:
     """Projectors (n, 3, 3) on the ranges of positive semidefinite matrices."""
     held, some = np.zeros_like(across), np.flatnonzero(across.any(axis=(1, 2)))
-    values, vectors = np.linalg.eigh(across[some])
-    spanned = vectors * (values > SAME_PLANE)[:, None]
-    held[some] = spanned @ spanned.swapaxes(1, 2)
+    held[some] = spans(across[some], np.ones((len(some), 3), dtype=bool))
     return held
 
 

@@ -62,16 +62,16 @@ def _with_planes(scene: Scene, prolongation: Prolongation, prescribed: FloatArra
         across[nodes] += plane.across
     nodes = np.flatnonzero(across.any(axis=(1, 2)))
     free, across = np.isnan(prescribed[nodes]), across[nodes]
-    span = _span(across, free)
+    span = spans(across, free)
     axes = free & (np.einsum("nii->ni", span) > 1 - _ALONG_AXIS)
     prescribed[nodes] = np.where(axes, 0.0, prescribed[nodes])
-    span = _span(span, free & ~axes)
+    span = spans(span, free & ~axes)
     some = span.any(axis=(1, 2))
     return Supports(prescribed, (nodes[some], np.eye(3) - span[some]))
 
 
-def _span(matrices: FloatArray, free: BoolArray) -> FloatArray:
-    """Projectors (k, 3, 3) on the ranges of sums n n^T of normals, restricted to free components (k, 3)."""
+def spans(matrices: FloatArray, free: BoolArray) -> FloatArray:
+    """Projectors (k, 3, 3) on the ranges of sums n n^T of normals, restricted to free components (k, 3).  Local."""
     both = free[:, :, None] & free[:, None]
     values, vectors = np.linalg.eigh(np.where(both, matrices, 0.0))
     vectors = vectors * (values > SAME_PLANE)[:, None]
