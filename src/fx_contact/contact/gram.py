@@ -19,7 +19,7 @@ class Gram:
 
     Else conjugate residuals, preconditioned by the diagonal, and after many iterations by factors of each rank's block.
 
-    Collective on comm.
+    Collective on the prolongation's comm.
 
     Args:
         matrix, weighted: B and B W^-1.
@@ -39,21 +39,9 @@ class Gram:
     #: Iterations before factors, which cost as many: 24 to 75 with 150 to 8,000 rows (`studies.cost.chains --gram`).
     _PATIENCE = 50
 
-    def __init__(
-        self,
-        comm: MPI.Intracomm,
-        matrix: Products,
-        weighted: Products,
-        diagonal: FloatArray,
-        share: FloatArray | None,
-    ) -> None:
-        self._comm, self._matrix, self._weighted, self._diagonal, self._share = (
-            comm,
-            matrix,
-            weighted,
-            diagonal,
-            share,
-        )
+    def __init__(self, matrix: Products, weighted: Products, diagonal: FloatArray, share: FloatArray | None) -> None:
+        self._comm, self._matrix, self._weighted = matrix.comm, matrix, weighted
+        self._diagonal, self._share = diagonal, share
         self._close(np.zeros(len(diagonal), dtype=bool))
 
     def on(self, closed: BoolArray) -> Gram:
@@ -95,11 +83,8 @@ class Gram:
             conjugate = self._preconditioned(image)
             (length,) = self._dots((image, conjugate))
             step, past = curvature / length, curvature
-            solution, residual, scaled = (
-                solution + step * direction,
-                residual - step * image,
-                scaled - step * conjugate,
-            )
+            solution, residual = solution + step * direction, residual - step * image
+            scaled = scaled - step * conjugate
             self._spent += 1
         raise SolveError(
             f"the projection onto closed contact has not converged in {self._ITERATIONS} iterations: rows of contact "

@@ -19,10 +19,13 @@ class Products:
     """Products with a matrix that has values (b, 3) at the entries of rows, and with its transpose.
 
     Collective on the prolongation's comm.  They need no message where every rank owns the unknowns of its rows.
+
+    Attributes:
+        is_local: True if every rank owns the unknowns of its rows.
     """
 
     def __init__(self, rows: ConstraintRows, values: FloatArray) -> None:
-        self._prolongation = rows.prolongation
+        self._prolongation, self.comm = rows.prolongation, rows.prolongation.comm
         node, place = np.unique(rows.entries.node, return_inverse=True)
         self._dofs = (3 * node[:, None] + np.arange(3)).ravel()
         columns = 3 * place[:, None] + np.arange(3)
@@ -30,18 +33,18 @@ class Products:
         self._matrix = csr_matrix((values.ravel(), columns.ravel(), indptr), shape=(len(rows), len(self._dofs)))
         self._transposed = self._matrix.T.tocsr()
         away = bool((node >= self._prolongation.owned).any())
-        self._local = not self._prolongation.comm.allreduce(away, op=MPI.LOR)
+        self.is_local = not self.comm.allreduce(away, op=MPI.LOR)
 
     def distributed(self) -> PETSc.Mat:
         """The AIJ matrix, rows by unknowns."""
         imap, matrix = self._prolongation.index_map, self._matrix
         entries = matrix.data, self._dofs[matrix.indices], matrix.indptr
         all_columns = csr_matrix(entries, (matrix.shape[0], 3 * (imap.size_local + imap.num_ghosts)))
-        return distributed(self._prolongation.comm, all_columns, imap)
+        return distributed(self.comm, all_columns, imap)
 
     def times(self, u: FloatArray) -> FloatArray:
         """Product (n,) [m] with a displacement (owned, 3) [m]."""
-        u = u if self._local else self._prolongation.ghosted(u)
+        u = u if self.is_local else self._prolongation.ghosted(u)
         return self._matrix @ u.reshape(-1)[self._dofs]
 
     def add_transposed(self, values: FloatArray, y: FloatArray) -> None:
@@ -50,7 +53,7 @@ class Products:
 
     def times_transposed(self, other: Products, values: FloatArray) -> FloatArray:
         """Product (n,) with the transpose of another matrix of the same rows, times values (n,)."""
-        if self._local:
+        if self.is_local:
             return np.asarray(self._matrix @ (other._transposed @ values))
         u: FloatArray = np.zeros((self._prolongation.owned, 3))
         other.add_transposed(values, u)
@@ -60,11 +63,6 @@ class Products:
         """The product with the transpose of another matrix on some of the rows (n,), without what is of other ranks."""
         return (self._matrix[some] @ other._transposed[:, some]).tocsc()
 
-    @property
-    def is_local(self) -> bool:
-        """True if every rank owns the unknowns of its rows."""
-        return self._local
-
     def squares(self, weights: FloatArray) -> FloatArray:
         """The diagonal (owned, 3) of B^T k B, for weights k (n,)."""
         result: FloatArray = np.zeros((self._prolongation.owned, 3))
@@ -72,7 +70,7 @@ class Products:
         return result
 
     def _add(self, values: FloatArray, y: FloatArray) -> None:
-        if self._local:
+        if self.is_local:
             y.reshape(-1)[self._dofs] += values
             return
         result = self._prolongation.zeros(3)
@@ -96,7 +94,7 @@ class Jump:
     _ROUNDING = 1e-8
 
     def __init__(self, rows: ConstraintRows, supports: Supports) -> None:
-        self.rows = rows
+        self.rows, self.comm = rows, rows.prolongation.comm
         values = supports.ghosted(rows.prolongation).free_part(rows.values, rows.entries.node)
         self.values = np.where(np.abs(values) > self._ROUNDING * np.abs(rows.entries.weight)[:, None], values, 0.0)
         self.matrix = Products(rows, self.values)
@@ -106,11 +104,6 @@ class Jump:
     def penetration(self, u: FloatArray) -> FloatArray:
         """B u - D (n,) [m] with all components of a displacement (owned, 3) [m]."""
         return self.rows.jump(u) - self._full_gap
-
-    @property
-    def comm(self) -> MPI.Intracomm:
-        """The prolongation's comm.  Local."""
-        return self.rows.prolongation.comm
 
     def transposed(self, force: FloatArray) -> FloatArray:
         """B^T f of forces (n,) [N] in the free directions: (owned, 3) [N]."""

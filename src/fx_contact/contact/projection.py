@@ -44,7 +44,7 @@ class Projection:
         count = rows.prolongation.sums_at(entries.node, (jump.values != 0).astype(float))
         shared = self._comm.allreduce(float(count.max(initial=0.0)), op=MPI.MAX) > 1
         share = rows.area / rows.node_area if shared else None
-        self._gram = Gram(self._comm, jump.matrix, self._weighted, diagonal, share)
+        self._gram = Gram(jump.matrix, self._weighted, diagonal, share)
 
     def of(self, jump: Jump, active: BoolArray, stiffness: FloatArray | None = None) -> Projection:
         """The projection of active rows (n,), without those whose jump conditions prescribe, onto B u = D of a jump.
