@@ -106,19 +106,13 @@ class BlockMatrix:
         return None if beside is None else beside.operator
 
     def in_format_of(self, kind: str) -> PETSc.Mat:
-        """The matrix for a type of PC: for hypre's a copy in the place of a BAIJ matrix.  Collective on comm."""
+        """The matrix for a type of PC: for hypre's a copy of a BAIJ matrix in its place, with a fixed sparsity pattern.
+
+        Collective on comm.  All preallocated entries must be set, zeros too (`penalty_term.reserve`): PETSc reads rows
+        to their allocated ends.  Raises SolveError: there is no memory for the copy.
+        """
         if kind != PETSc.PC.Type.HYPRE or self.operator is not None:
             return self.mat
-        result = self._in_hypre_format()
-        self.mat.destroy()
-        return result
-
-    def _in_hypre_format(self) -> PETSc.Mat:
-        """A copy of a BAIJ matrix in hypre's format, with a fixed sparsity pattern.
-
-        All preallocated entries must be set, zeros too (`penalty_term.reserve`): PETSc reads rows to their allocated
-        ends.
-        """
         result = PETSc.Mat().create(self.mat.comm)
         result.setSizes(self.mat.getSizes(), bsize=3)
         result.setType(PETSc.Mat.Type.HYPRE)
@@ -131,6 +125,7 @@ class BlockMatrix:
                 clear_hypre_errors()
                 raise SolveError("PETSc cannot allocate a matrix in hypre's format")
         self.mat.copy(result, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self.mat.destroy()
         return result
 
 
