@@ -328,7 +328,4 @@ class ConstraintRows:
 
 
 #: Columns of `ConstraintRows` with an entry for each row.
-_OF_ROWS = (
-    *("first", "normal", "apart", "gap", "area", "node_area", "stiffness", "modulus", "position", "bodies"),
-    *("contact", "role", "axis"),
-)
+_OF_ROWS = "first normal apart gap area node_area stiffness modulus position bodies contact role axis".split()

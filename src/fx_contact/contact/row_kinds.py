@@ -99,10 +99,6 @@ def create_rows(
     counts = [len(part.first) for part in parts]
     keyed = _joined([part.entries for part in parts], counts)
     prolongation = prolongation.reaching(keyed.key)
-    contact = np.repeat(of, counts)
-    role, axis = (
-        np.repeat([getattr(part, name) for part in parts], counts).astype(np.int8) for name in ("role", "axis")
-    )
     rows = ConstraintRows(
         prolongation=prolongation,
         kinds=kinds,
@@ -110,9 +106,9 @@ def create_rows(
         normal=normal,
         gap=np.zeros(len(normal)),
         node_area=columns["area"],
-        contact=contact,
-        role=role,
-        axis=axis,
+        contact=np.repeat(of, counts),
+        role=np.repeat([part.role for part in parts], counts).astype(np.int8),
+        axis=np.repeat([part.axis for part in parts], counts).astype(np.int8),
         symmetry=scene.symmetry,
         yielded=sum(part.yielded for part in parts),
         rims={kinds[one].index: part.rim for one, part in zip(of, parts) if part.rim is not None},
@@ -130,9 +126,7 @@ def create_rows(
 
 
 #: Columns of `RowColumns` that are joined as they are.
-_COLUMNS = [
-    name for name in RowColumns.__dataclass_fields__ if name not in ("entries", "role", "axis", "yielded", "rim")
-]
+_COLUMNS = "first across apart area stiffness modulus position bodies".split()
 
 
 def _with_tangents(rows: ConstraintRows) -> ConstraintRows:
@@ -143,12 +137,11 @@ def _with_tangents(rows: ConstraintRows) -> ConstraintRows:
     tangents = np.concatenate([some, some])
     result = rows.taken(np.concatenate([normals, tangents, equations]))
     ours = slice(len(normals), len(normals) + len(tangents))
-    normal, apart, gap = result.normal.copy(), result.apart.copy(), result.gap.copy()
-    role, axis = result.role.copy(), result.axis.copy()
     axes = _not_yielding(rows, some, np.stack(tangent_axes(rows.normal[some]), axis=1))
-    normal[ours], apart[ours], gap[ours] = np.concatenate([axes[:, 0], axes[:, 1]]), 0.0, 0.0
-    role[ours], axis[ours] = Role.TANGENT, np.repeat([1, 2], len(some))
-    return replace(result, normal=normal, apart=apart, gap=gap, role=role, axis=axis)
+    # The arrays of the result are its own.
+    result.normal[ours], result.apart[ours], result.gap[ours] = np.concatenate([axes[:, 0], axes[:, 1]]), 0.0, 0.0
+    result.role[ours], result.axis[ours] = Role.TANGENT, np.repeat([1, 2], len(some))
+    return result
 
 
 def _not_yielding(rows: ConstraintRows, some: IntArray, axes: FloatArray) -> FloatArray:
