@@ -190,9 +190,8 @@ class ContactSystem:
     def _solved(self, u: FloatArray, tolerance: float) -> FloatArray:
         """The displacement for the last springs, by the present preconditioner."""
         with self._stages("system"):
-            equations = self._in_matrix.equations(
-                self._shifted, self._forced, self._in_operator(self.springs), self._projector_behind(self._projection)
-            )
+            stiffness, projector = self._in_operator(self.springs), self._projector_behind(self._projection)
+            equations = self._in_matrix.equations(self._shifted, self._forced, stiffness, projector)
         with self._stages("solve"):
             u = self._solution(equations, u, tolerance)
             self._energy = self.energy_norm(u) ** 2

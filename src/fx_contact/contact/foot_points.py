@@ -43,9 +43,8 @@ def places_in_planes(
     margin = _MARGIN * (high - low)
     row, target = np.nonzero(found & ((uv >= low - margin) & (uv <= high + margin)).all(axis=2))
     low, high, edge = low[row], high[row], _EDGE * (high - low)[row]
-    curved, near = fan[row].foot_points(
-        targets[row, target, None], first[row], np.clip(uv[row, target, None], low, high)
-    )
+    start = np.clip(uv[row, target, None], low, high)
+    curved, near = fan[row].foot_points(targets[row, target, None], first[row], start)
     near &= ((curved >= low - edge) & (curved <= high + edge)).all(axis=2)
     place = np.where(near[..., None], plane[row](curved), places[row, target, None])
     places[row, target] = place[:, 0]

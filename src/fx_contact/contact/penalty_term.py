@@ -88,10 +88,8 @@ class MatrixPenalty:
     def equations(self, jump: Jump, load: FloatArray, stiffness: FloatArray, projector: Projector) -> Equations:
         """Equations of K + B^T k B for k (n,), whose difference to the matrix is a term beside it."""
         if jump.matrix is not self._jump.matrix:
-            former = self._jump.with_gap(np.zeros_like(jump.gap))
-            return Equations(
-                load, Sum([PenaltyTerm(jump, stiffness), PenaltyTerm(former, -self.stiffness)]), projector
-            )
+            former = PenaltyTerm(self._jump.with_gap(np.zeros_like(jump.gap)), -self.stiffness)
+            return Equations(load, Sum([PenaltyTerm(jump, stiffness), former]), projector)
         difference = stiffness - self.stiffness
         term = PenaltyTerm(jump, difference) if any_true(jump.comm, difference != 0) else None
         return Equations(load + PenaltyTerm(jump, self.stiffness).load(), term, projector)

@@ -97,9 +97,8 @@ class Projection:
         if self._moved is None:
             return forces
         moved, inverse = self._moved
-        return np.asarray(
-            forces - self._comm.allreduce(self._rates @ np.where(self.closed, forces, 0.0)) @ inverse @ moved
-        )
+        work = self._comm.allreduce(self._rates @ np.where(self.closed, forces, 0.0))
+        return np.asarray(forces - work @ inverse @ moved)
 
 
 def _weights(rows: ConstraintRows) -> FloatArray:

@@ -31,11 +31,8 @@ class NodalFields:
     def of(cls, forest: Forest, degree: int, fields: Mapping[str, FloatArray]) -> Self:
         """Fields (n, (p+1)^3, size) of a degree.  Local."""
         none: FloatArray = np.zeros((len(forest), (degree + 1) ** 3, 0))
-        return cls(
-            forest,
-            np.concatenate([none, *fields.values()], axis=2),
-            {name: one.shape[2] for name, one in fields.items()},
-        )
+        sizes = {name: one.shape[2] for name, one in fields.items()}
+        return cls(forest, np.concatenate([none, *fields.values()], axis=2), sizes)
 
     @property
     def degree(self) -> int:

@@ -189,14 +189,8 @@ class _Cells:
     def arguments(self) -> tuple[object, ...]:
         """Arguments of the functions in C."""
         count, points = ctypes.c_int64(len(self.nodes)), ctypes.c_int(self.metric.shape[1])
-        return (
-            count,
-            _address(self.nodes),
-            _address(self.law),
-            points,
-            _address(self.metric),
-            _address(self.polynomials),
-        )
+        nodes, law = _address(self.nodes), _address(self.law)
+        return count, nodes, law, points, _address(self.metric), _address(self.polynomials)
 
 
 def _sorted_cells(kernel: CellStiffness, places: Int32Array) -> list[_Cells]:

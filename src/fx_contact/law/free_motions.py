@@ -61,9 +61,8 @@ class LoadedMotions:
             _, group = connected_components(joined, directed=False)
             largest = np.zeros(len(group))
             np.maximum.at(largest, group, np.abs(self._work[: 6 * len(group)]).reshape(-1, 6).max(axis=1))
-            largest[np.bincount(group, minlength=len(group)) > 1] += np.abs(self._work[6 * len(group) :]).max(
-                initial=0.0
-            )
+            of_interfaces = np.abs(self._work[6 * len(group) :]).max(initial=0.0)
+            largest[np.bincount(group, minlength=len(group)) > 1] += of_interfaces
             allowed[: 6 * len(group)] += _BALANCED * np.repeat(largest[group], 6)
         driven = of_bodies @ np.where(np.abs(force) > allowed, force, 0.0)
         return np.asarray(np.linalg.svd(driven[None])[2][1:] @ motions) if driven.any() else motions
@@ -102,9 +101,8 @@ class LoadedMotions:
     def projector(self, free: FloatArray) -> FreeMotions | None:
         """The projector that leaves out motions (l, k + m); None: no body moves.  Collective."""
         coefficients = self.rigid.coefficients(free)
-        _, size, basis = np.linalg.svd(
-            coefficients.reshape(len(free), 6 * coefficients.shape[1]), full_matrices=False
-        )
+        of_bodies = coefficients.reshape(len(free), 6 * coefficients.shape[1])
+        _, size, basis = np.linalg.svd(of_bodies, full_matrices=False)
         some = basis[size > _ROUNDING].reshape(-1, *coefficients.shape[1:])
         return FreeMotions(self._bodies, some) if len(some) else None
 

@@ -142,9 +142,8 @@ class LinearSolver:
                 break
             early = self._patience is not None and outcome.reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
             if not early:
-                self._failures.append(
-                    f"with {self.preconditioner} (iterations: {used}, PETSc reason {outcome.reason})"
-                )
+                said = f"iterations: {used}, PETSc reason {outcome.reason}"
+                self._failures.append(f"with {self.preconditioner} ({said})")
             if self._take_over(early):
                 used = 0
             elif not early:
