@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import ConstraintRows, Role
 from fx_contact.contact.contact_problem import ContactProblem, SolveOptions
@@ -24,6 +23,7 @@ from fx_contact.linalg.petsc_objects import PetscObjects
 from fx_contact.linalg.stopping import ROUNDING
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 from fx_contact.parallel.errors import SolveError
+from fx_contact.parallel.mpi import any_true
 from fx_contact.parallel.timing import Stages
 
 
@@ -136,7 +136,6 @@ def solve_system(
     rows, matrix, comm = problem.rows, problem.matrix.mat, problem.matrix.comm
     system: ContactSystem | LinearSystem
     motions: dict[str, float | list[float]] = {}
-    u = problem.supports.admissible(start)
     with stages("system"):
         jump = None if rows is None else Jump(rows, problem.supports)
         if jump is not None:
@@ -147,13 +146,13 @@ def solve_system(
         free, left_out = _without_contact(problem, load)
         system = LinearSystem(problem, options.solver, stages, objects, left_out)
         with stages("solve"):
-            u = system.solve(load, u, options.solver.tolerance)
+            u = system.solve(load, problem.supports.admissible(start), options.solver.tolerance)
         error, of_rows, still = system.solver.energy_error, _WITHOUT_ROWS, u
     else:
         with stages("solve"):
-            carried, constant = comm.allreduce(bool(start.any()), op=MPI.LOR), RowMotions.of(rows, turning=False)
+            constant = RowMotions.of(rows, turning=False)
             capped = PenaltyTerm(jump, np.where(constant.moving, 0.0, rows.capped_stiffness))
-            law, u = _first_guess(problem, load, capped, u, options, carried)
+            law, u = _first_guess(problem, load, capped, start, options)
         with stages("system"):
             system = ContactSystem(problem, load, jump, capped.of(law.active).stiffness, options, stages, objects)
         if problem.rows_at is None:
@@ -212,16 +211,12 @@ def _of_rows(
 
 
 def _first_guess(
-    problem: ContactProblem,
-    load: FloatArray,
-    capped: PenaltyTerm,
-    u: FloatArray,
-    options: SolveOptions,
-    carried: bool,
+    problem: ContactProblem, load: FloatArray, capped: PenaltyTerm, start: FloatArray, options: SolveOptions
 ) -> tuple[Unilateral, FloatArray]:
     """First active set, its part of a penalty term added to the matrix, and a displacement close to its solution."""
     jump, matrix = capped.jump, problem.matrix.mat
-    rows = jump.rows
+    rows, u = jump.rows, problem.supports.admissible(start)
+    carried = any_true(problem.matrix.comm, start != 0)
     exact, most = options.enforcement.method == "exact", options.solver.max_contact
     bodies, loaded = problem.bodies, None
     if bodies is not None and len(bodies.rigid.free):
@@ -261,8 +256,8 @@ def _impose(problem: ContactProblem) -> tuple[FloatArray, FloatArray]:
         diagonal = MatrixOperator(matrix, objects).diagonal()
     comm = problem.matrix.comm
     total = comm.allreduce(float(diagonal.sum()))
-    finite = bool(np.isfinite(total) and total > 0 and np.isfinite(load).all())
-    if not comm.allreduce(finite, op=MPI.LAND):
+    finite = np.isfinite(total) and total > 0 and np.isfinite(load).all()
+    if any_true(comm, np.array(not finite)):
         raise SolveError("the stiffness or the load is not a finite number: check the units of moduli and lengths")
     supports.add_normal_part(matrix, diagonal)
     return np.where(supports.free, load, diagonal * supports.values), np.sqrt(np.abs(diagonal))
