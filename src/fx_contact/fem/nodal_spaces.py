@@ -21,6 +21,7 @@ class NodalSpaces:
         cells: (ncells, (p+1)^3), nodes in the Space of each local cell.
         node_of_block: (nblocks,), the node of each local block of `function_space`; several blocks may have one.
         order: ((p+1)^3,), node in `cells` of each node of a cell of `function_space`.
+        gather: (m, nblocks), sums of values of the local blocks at the nodes.
     """
 
     def __init__(self, leaf_mesh: LeafMesh, prolongation: Prolongation) -> None:
@@ -34,7 +35,7 @@ class NodalSpaces:
         self.node_of_block[self.function_space.dofmap.list] = self.cells[:, self.order]
         count = len(self.node_of_block)
         entries = np.ones(count), (self.node_of_block, np.arange(count))
-        self._gather = csr_matrix(entries, shape=(len(prolongation.space), count))
+        self.gather = csr_matrix(entries, shape=(len(prolongation.space), count))
 
     def space_of(self, *shape: int, discontinuous: bool = False) -> fem.FunctionSpace:
         """Functions of the displacement's degree with components of a shape, made once.  Collective."""
@@ -57,7 +58,7 @@ class NodalSpaces:
 
     def at_nodes(self, blocks: FloatArray) -> FloatArray:
         """Contributions (m, k) of this rank's cells to the nodes, of an assembled vector (nblocks * k,).  Local."""
-        return self._gather @ blocks.reshape(len(self.node_of_block), -1)
+        return self.gather @ blocks.reshape(len(self.node_of_block), -1)
 
     def at_leaves(self, function: fem.Function) -> FloatArray:
         """Nodal values of a Function of a nodal space or of a discontinuous one by leaves: (n, (p+1)^3, k).  Local."""

@@ -21,6 +21,8 @@ class NodalStress:
 
     def __init__(self, spaces: NodalSpaces, layer: IntArray, count: int) -> None:
         self._spaces, self._prolongation, self._count = spaces, spaces.prolongation, count
+        self._place: IntArray = spaces.node_of_block
+        self._gather = spaces.gather
         if count > 1:
             nodes = spaces.cells[:, spaces.order]
             self._place = (nodes * count + layer[:, None]).ravel()
@@ -33,15 +35,11 @@ class NodalStress:
 
     def restrict(self, moments: FloatArray) -> FloatArray:
         """Sums (owned, count, k) of assembled moments with a space of k components.  Collective."""
-        if self._count == 1:
-            return self._prolongation.restrict(self._spaces.at_nodes(moments))[:, None]
         k = len(moments) // len(self._place)
         sums = (self._gather @ moments.reshape(-1, k)).reshape(-1, self._count * k)
         return self._prolongation.restrict(sums).reshape(-1, self._count, k)
 
     def array(self, values: FloatArray) -> FloatArray:
         """Array of a Function of a space of k components, of values (owned, count, k).  Collective."""
-        nodal = self._prolongation.prolong(values.reshape(len(values), -1))
-        if self._count == 1:
-            return self._spaces.at_blocks(nodal)
+        nodal = self._prolongation.prolong(values.reshape(len(values), self._count * values.shape[2]))
         return np.asarray(nodal.reshape(-1, values.shape[2])[self._place].ravel())
