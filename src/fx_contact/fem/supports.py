@@ -25,20 +25,19 @@ class Supports:
         prescribed: (n, 3), prescribed displacements [m], NaN where `free`.
         oblique: (k,) nodes on oblique planes, ascending, and P there, (k, 3, 3); None if the scene has no such plane,
             alike on all ranks.
+
+    Attributes:
+        oblique_nodes: (k,), nodes on oblique planes.
     """
 
     def __init__(self, prescribed: FloatArray, oblique: tuple[IntArray, FloatArray] | None = None) -> None:
         self.prescribed, self.free, self.oblique = prescribed, np.isnan(prescribed), oblique is not None
+        self.oblique_nodes: IntArray = np.zeros(0, dtype=np.int64)
         if oblique is not None:
-            self._nodes, tangential = oblique
+            self.oblique_nodes, tangential = oblique
             self._tangential = np.concatenate([tangential, np.eye(3)[None]])  # of other nodes, place -1
             self._place = np.full(len(prescribed), -1)
-            self._place[self._nodes] = np.arange(len(self._nodes))
-
-    @property
-    def oblique_nodes(self) -> IntArray:
-        """(k,), nodes on oblique planes."""
-        return self._nodes if self.oblique else np.zeros(0, dtype=np.int64)
+            self._place[self.oblique_nodes] = np.arange(len(self.oblique_nodes))
 
     @property
     def values(self) -> FloatArray:
@@ -95,7 +94,7 @@ class Supports:
         """
         if not self.oblique:
             return
-        nodes, normal = self._nodes, np.eye(3) - self._tangential[:-1]
+        nodes, normal = self.oblique_nodes, np.eye(3) - self._tangential[:-1]
         if len(nodes):
             free, rank = self.free[nodes], np.trace(normal, axis1=1, axis2=2)
             scale = np.where(free, diagonal[nodes], 0.0).sum(axis=1) / (free.sum(axis=1) - rank)
@@ -122,8 +121,8 @@ class Supports:
         rotation = np.eye(3) + 2 * to[:, :, None] * unit[:, None]
         rotation -= both[:, :, None] * both[:, None] / (1 + to[each, axis])[:, None, None]
         normal = (np.arange(3) == axis[:, None]) != line[:, None]
-        prescribed[self._nodes] = np.where(normal, 0.0, prescribed[self._nodes])
-        return Supports(prescribed, (self._nodes, np.where(normal[:, None], 0.0, tangential @ rotation)))
+        prescribed[self.oblique_nodes] = np.where(normal, 0.0, prescribed[self.oblique_nodes])
+        return Supports(prescribed, (self.oblique_nodes, np.where(normal[:, None], 0.0, tangential @ rotation)))
 
     def projector(self) -> spmatrix:
         """Projector (3 n, 3 n) on the free displacements."""
