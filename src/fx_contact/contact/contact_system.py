@@ -59,16 +59,11 @@ class LinearSystem:
     exact = True
 
     def __init__(
-        self,
-        problem: ContactProblem,
-        options: Solver,
-        stages: Stages,
-        objects: PetscObjects,
-        free: FreeMotions | None = None,
+        self, problem: ContactProblem, solver: Solver, stages: Stages, objects: PetscObjects, free: FreeMotions | None
     ) -> None:
-        self._supports, self._tolerance, self._free = problem.supports, options.tolerance, free
+        self._supports, self._tolerance, self._free = problem.supports, solver.tolerance, free
         with stages("system"):
-            self.solver = problem.linear_solver(options, objects)
+            self.solver = problem.linear_solver(solver, objects)
         with stages("setup"):
             if free is not None:
                 self.solver.regularise()
