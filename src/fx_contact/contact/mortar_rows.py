@@ -99,7 +99,7 @@ class MortarRows(RowKind):
         self, prolongation: Prolongation, enforcement: Enforcement, multipliers: _Multipliers, kept: BoolArray
     ) -> RowColumns:
         """The rows of kept nodes (owned + ghosts,).  Collective."""
-        keys, regions, nodes, dual, _ = multipliers
+        regions, nodes, dual = multipliers.regions, multipliers.nodes, multipliers.dual
         integrals = dual.integrals(kept[nodes])
         stiffness, some = np.zeros_like(integrals.area), integrals.area.any(axis=1)
         area = np.maximum(integrals.area[some], 0.0)
@@ -111,10 +111,8 @@ class MortarRows(RowKind):
         sums = prolongation.sums_at(nodes, np.concatenate(of_area, axis=2))
         owned = slice(prolongation.owned)
         ours = np.flatnonzero(kept[owned])
-        row = np.full(prolongation.owned, -1)
-        row[ours] = np.arange(len(ours))
-        parts = _entries(prolongation, integrals, nodes, keys, regions)
-        parts = replace(parts, row=row[parts.row])
+        parts = _entries(prolongation, integrals, multipliers)
+        parts = replace(parts, row=np.searchsorted(ours, parts.row))
         of_rows = _least(2 * parts.row + parts.side, parts.region, 2 * len(ours)).reshape(-1, 2)
         return RowColumns(
             first=ours,
@@ -214,14 +212,9 @@ class _Parts(KeyedEntries):
     region: IntArray
 
 
-def _entries(
-    prolongation: Prolongation,
-    integrals: MultiplierIntegrals,
-    nodes: Int64Array,
-    keys: Int64Array,
-    regions: tuple[IntArray, IntArray],
-) -> _Parts:
+def _entries(prolongation: Prolongation, integrals: MultiplierIntegrals, multipliers: _Multipliers) -> _Parts:
     """Those of first facets, and of second ones with the sign of the second side.  Collective."""
+    keys, regions, nodes = multipliers.keys, multipliers.regions, multipliers.nodes
     comm, imap = prolongation.comm, prolongation.index_map
     (one, two), first, second = integrals.pairs.T, integrals.first, -integrals.second
     row = np.concatenate([_on(nodes[:, :, None], first), _on(nodes[one][:, :, None], second)])
