@@ -137,15 +137,17 @@ class DualFunctions:
         uv = np.stack(np.meshgrid(points + 0.5, points + 0.5), axis=-1).reshape(-1, 2)
         jacobian = facets.at(np.broadcast_to(uv, (len(facets), *uv.shape))).jacobian
         functions = face_functions(degree, uv)
-        self._whole = (jacobian * np.kron(weights, weights)) @ functions
+        whole = (jacobian * np.kron(weights, weights)) @ functions
         conforming = tables.swapaxes(1, 2)
         self._mass = conforming @ segments.mass @ tables
         self._covered = segments.moments[:, :, 0]
         with np.errstate(invalid="ignore"):
-            part = _apply(conforming, self._covered) / _apply(conforming, self._whole)
+            part = _apply(conforming, self._covered) / _apply(conforming, whole)
         #: (n,), facets that count as covered, and those that a rim crosses.
         self.covered: BoolArray = part.min(axis=1) >= _COVERED
-        self.crossed: BoolArray = self._covered.sum(axis=1) < (1 - _ROUNDING) * self._whole.sum(axis=1)
+        self.crossed: BoolArray = self._covered.sum(axis=1) < (1 - _ROUNDING) * whole.sum(axis=1)
+        #: (n, (p+1)^2), integrals of the hats over the covered part of the facets and over all [m^2]; 0 without hat.
+        self.cover, self.whole = (_apply(self._hats, values) for values in (self._covered, whole))
 
     @cached_property
     def _hats(self) -> FloatArray:
@@ -156,16 +158,6 @@ class DualFunctions:
         hats = np.zeros((9, 9))  # at degree 2 corners never hang: they are nodes of the coarser side too
         hats[[0, 2, 6, 8]] = face_functions(1, np.stack([u, v], axis=1) / 2).T
         return np.broadcast_to(hats, self._tables.shape)
-
-    @property
-    def cover(self) -> FloatArray:
-        """(n, (p+1)^2), integrals of the hats over the covered part of the facets [m^2]; 0 where nodes have no hat."""
-        return _apply(self._hats, self._covered)
-
-    @property
-    def whole(self) -> FloatArray:
-        """(n, (p+1)^2), integrals of the hats over the whole facets [m^2]."""
-        return _apply(self._hats, self._whole)
 
     def candidates(self, part: FloatArray) -> BoolArray:
         """Nodes (n, (p+1)^2) that are kept for the sake of each facet, by the covered part of each, cover over whole.
