@@ -30,7 +30,7 @@ from fx_contact.fem.elasticity import Elasticity
 from fx_contact.fem.external_forces import body_force, load_and_totals
 from fx_contact.fem.leaf_mesh import LeafMesh, create_leaf_mesh, sufficient_order
 from fx_contact.fem.nodal_fields import NodalFields
-from fx_contact.fem.nodal_strain import stress_free_strain
+from fx_contact.fem.nodal_strain import sum_at_nodes
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.fem.springs import Springs
 from fx_contact.fem.sum_factorisation import energy_norm, matrix_free
@@ -182,7 +182,7 @@ def elasticity_of(
     """Elasticity of a scene on a mesh, with the root cells (n,) of its cells.  Collective."""
     materials = [scene.materials[name] for name in scene.mesh.regions]
     layer = scene.layers[cells], int(scene.layers.max()) + 1
-    strain = stress_free_strain(scene, prolongation.space, mesh)
+    strain = sum_at_nodes(scene.strains, prolongation.space, mesh, (3, 3)) if scene.strains else None
     springs = Springs(scene.springs, prolongation, mesh.order) if scene.springs else None
     return Elasticity(mesh, materials, scene.mesh.region[cells], prolongation, stages, layer, springs, strain)
 

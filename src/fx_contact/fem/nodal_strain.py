@@ -10,18 +10,6 @@ from fx_contact.items.boundary_conditions import BodyForce
 from fx_contact.items.stress_free_strains import InitialStrain, ThermalStrain
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.mpi import together
-from fx_contact.scene.scene import Scene
-
-
-def stress_free_strain(scene: Scene, space: Space, mesh: LeafMesh) -> FloatArray | None:
-    """Sum of the strains that act on each cell at its nodes in `Space.cells`: (ncells, (p+1)^3, 3, 3) [-].
-
-    Collective on the mesh's communicator.  None: the scene has none.  Raises SceneError if a strain that is a function
-    fails, is not finite or not symmetric somewhere.
-    """
-    if not scene.strains:
-        return None
-    return sum_at_nodes(scene.strains, space, mesh, (3, 3))
 
 
 def sum_at_nodes(
@@ -29,7 +17,8 @@ def sum_at_nodes(
 ) -> FloatArray:
     """Sum of what acts on each cell at its nodes in `Space.cells`: (ncells, (p+1)^3, *shape).
 
-    Collective on the mesh's communicator.  Raises SceneError as `stress_free_strain`.
+    Collective on the mesh's communicator.  Raises SceneError if what is a function fails, or is not finite, or a strain
+    not symmetric, somewhere.
     """
     nodes, root = space.cells[mesh.leaf], space.forest.cell[mesh.leaf]
     result: FloatArray = np.zeros((*nodes.shape, *shape))
