@@ -10,7 +10,6 @@ Applications, 1985, section 10.1).
 """
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix, csr_matrix, identity, kron
 from scipy.sparse.csgraph import connected_components
@@ -23,7 +22,7 @@ from fx_contact.geometry import hexahedron
 from fx_contact.linalg.matrix import distributed
 from fx_contact.linalg.p_multigrid import CoarseLevel
 from fx_contact.parallel.arrays import Int64Array
-from fx_contact.parallel.mpi import hashed
+from fx_contact.parallel.mpi import any_true, hashed
 
 #: An axis of a cell is short if the longest axis has at least this many times its length (`studies.cost.flat`).
 FLAT = 3.0
@@ -74,7 +73,7 @@ def strong_blocks(elasticity: Elasticity) -> Int64Array | None:
     leaf, corner = np.repeat(np.arange(len(space.cells)), 8), np.tile(np.arange(8), len(space.cells))
     lengths = hexahedron.lengths(leaf_mesh.positions(leaf, corner, 1).reshape(-1, 8, 3))
     short = FLAT * lengths <= lengths.max(axis=1, keepdims=True)
-    if not comm.allreduce(bool(short.any()), op=MPI.LOR):
+    if not any_true(comm, short):
         return None
     side = space.degree + 1
     nodes = space.cells.reshape(-1, side, side, side)
@@ -97,5 +96,5 @@ def strong_blocks(elasticity: Elasticity) -> Int64Array | None:
         lowest = np.full(count, np.iinfo(np.int64).max)
         np.minimum.at(lowest, piece, block)
         before, block = block, space.directory.lowest(lowest[piece])
-        if not comm.allreduce(bool((block != before).any()), op=MPI.LOR):
+        if not any_true(comm, block != before):
             return prolongation.injected(block)

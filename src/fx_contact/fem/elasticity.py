@@ -78,14 +78,12 @@ class Elasticity(NodalSpaces):
         super().__init__(leaf_mesh, prolongation)
         self.quadrature_degree = 2 * prolongation.space.degree + 1
         self._stages, constant = stages, fem.functionspace(self.mesh, ("DG", 0))
-        near = [one.isotropic for one in materials]
         self.lame = fem.Function(constant), fem.Function(constant)
         cells, soft = constant.dofmap.list[:, 0], np.array([one.projected for one in materials])
-        for lame, values in zip(self.lame, np.array([one.lame for one in near]).T):
+        for lame, values in zip(self.lame, np.array([one.isotropic.lame for one in materials]).T):
             lame.x.array[cells] = values[material]
-        self._more = None
-        if any(isinstance(one, Orthotropic) for one in materials):
-            self._more = Anisotropy(self.mesh, materials, material)
+        orthotropic = any(isinstance(one, Orthotropic) for one in materials)
+        self._more = Anisotropy(self.mesh, materials, material) if orthotropic else None
         self._soft, self.projects = soft[material], bool(soft.any())
         if self.projects:
             self._pointwise = fem.Function(constant)
