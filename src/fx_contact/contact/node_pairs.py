@@ -6,24 +6,17 @@ row is on the rank that owns both nodes: B^T B needs no message (section 3 of th
 
 import numpy as np
 
-from fx_contact.contact.constraint_rows import ConstraintRows, RowColumns, RowKind
-from fx_contact.contact.contact_facets import (
-    facet_shares,
-    mean_moduli,
-    moduli,
-    nodal_sums,
-    positions_across,
-    spring_stiffness,
-)
+from fx_contact.contact.constraint_rows import RowColumns
+from fx_contact.contact.contact_facets import facet_shares, positions_across
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.contact.pressure import FacetPressure
+from fx_contact.contact.facet_rows import FacetRows
 from fx_contact.contact.row_entries import KeyedEntries
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
 from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 
 
-class NodePairs(RowKind):
+class NodePairs(FacetRows):
     """Rows of pairs of conforming nodes that face each other: B u = n . (u_first - u_second)."""
 
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
@@ -34,37 +27,19 @@ class NodePairs(RowKind):
         here, there = positions_across(forest, leaf, face, points)
         partner = forest.pairing.partner[forest.cell[leaf], face, 0]
         (area, outward), (_, inward) = (facet_shares(space, nodes, face) for nodes in (here, there))
-        cells = np.stack([forest.cell[leaf], partner], axis=1)
-        modulus = moduli(self.scene, forest.mesh.region[cells])
-        stiffness, soft = spring_stiffness(enforcement, modulus, area), area[:, :, None] / modulus[:, None]
-        shares = np.concatenate([area[:, :, None], soft, stiffness[:, :, None], outward + inward], axis=2)
-        first, example, sums = nodal_sums(prolongation, leaf, face, shares)
-        count, named = len(first), np.stack([space.keys[space.on_faces(leaf, face)], keys], axis=2).reshape(-1, 2)
+        regions = forest.mesh.region[np.stack([forest.cell[leaf], partner], axis=1)]
+        example, across, columns = self.nodal_columns(prolongation, enforcement, regions, area, outward + inward)
+        count, named = len(example), np.stack([space.keys[space.on_faces(leaf, face)], keys], axis=2).reshape(-1, 2)
         here, there = here.reshape(-1, 3)[example], there.reshape(-1, 3)[example]
-        cells = cells[example // keys.shape[1]]
-        return RowColumns(
-            first=first,
-            entries=KeyedEntries(
-                row=np.repeat(np.arange(count), 2),
-                key=named[example].ravel(),
-                side=np.tile([0, 1], count),
-                weight=np.tile([1.0, -1.0], count),
-            ),
-            across=sums[:, 4:],
-            apart=there - here,
-            area=sums[:, 0],
-            stiffness=sums[:, 3],
-            modulus=mean_moduli(self.scene, forest.mesh.region[cells], sums[:, :3]),
-            position=here,
-            bodies=forest.mesh.body[cells],
+        entries = KeyedEntries(
+            row=np.repeat(np.arange(count), 2),
+            key=named[example].ravel(),
+            side=np.tile([0, 1], count),
+            weight=np.tile([1.0, -1.0], count),
         )
+        return RowColumns(entries=entries, across=across, apart=there - here, position=here, **columns)
 
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
         """Vectors to the opposite points.  Local."""
         here, there = positions_across(forest, leaf, face, points)
         return there - here
-
-    def pressure_correction(self, rows: ConstraintRows, pressure: FloatArray) -> FacetPressure | None:
-        """At degree 2 force over area alternates around the pressure."""
-        degree = rows.prolongation.space.degree
-        return None if degree == 1 else FacetPressure(rows, pressure, self.index)

@@ -5,10 +5,10 @@ g is the signed distance of the node from the obstacle plus the clearance, n the
 
 import numpy as np
 
-from fx_contact.contact.constraint_rows import ConstraintRows, RowColumns, RowKind
-from fx_contact.contact.contact_facets import facet_shares, mean_moduli, moduli, nodal_sums, spring_stiffness
+from fx_contact.contact.constraint_rows import RowColumns
+from fx_contact.contact.contact_facets import facet_shares
 from fx_contact.contact.enforcement import Enforcement
-from fx_contact.contact.pressure import FacetPressure
+from fx_contact.contact.facet_rows import FacetRows
 from fx_contact.contact.row_entries import KeyedEntries
 from fx_contact.fem.prolongation import Prolongation
 from fx_contact.forest.forest import Forest
@@ -17,7 +17,7 @@ from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 from fx_contact.parallel.mpi import together
 
 
-class ObstacleRows(RowKind):
+class ObstacleRows(FacetRows):
     """Rows without a second body."""
 
     def columns(self, prolongation: Prolongation, enforcement: Enforcement) -> RowColumns:
@@ -27,31 +27,15 @@ class ObstacleRows(RowKind):
         points = space.points[leaf[:, None], space.face_nodes[face]]
         here = forest.evaluate(forest.cell[leaf], points)
         area, _ = facet_shares(space, here, face)
-        cell = forest.cell[leaf]
-        regions, bodies = (
-            np.stack([of[cell], np.full(len(cell), -1, np.int32)], axis=1)
-            for of in (forest.mesh.region, forest.mesh.body)
-        )
-        modulus = moduli(self.scene, regions)
-        stiffness, soft = spring_stiffness(enforcement, modulus, area), area[:, :, None] / modulus[:, None]
-        shares = np.concatenate([area[:, :, None], soft, stiffness[:, :, None]], axis=2)
-        first, example, sums = nodal_sums(prolongation, leaf, face, shares)
-        of = example // points.shape[1]
-        position, count = here.reshape(-1, 3)[example], len(first)
+        regions = np.stack([forest.mesh.region[forest.cell[leaf]], np.full(len(leaf), -1)], axis=1)
+        example, _, columns = self.nodal_columns(prolongation, enforcement, regions, area)
+        position, count = here.reshape(-1, 3)[example], len(example)
         keys = space.keys[space.on_faces(leaf, face)].ravel()[example]
         with together(prolongation.comm):
             distance, normal = self._distances(position)
-        return RowColumns(
-            first=first,
-            entries=KeyedEntries(np.arange(count), keys, np.zeros(count, dtype=np.int64), np.ones(count)),
-            across=sums[:, :1] * normal,
-            apart=distance[:, None] * normal,
-            area=sums[:, 0],
-            stiffness=sums[:, 3],
-            modulus=mean_moduli(self.scene, regions[of], sums[:, :3]),
-            position=position,
-            bodies=bodies[of],
-        )
+        entries = KeyedEntries(np.arange(count), keys, np.zeros(count, dtype=np.int64), np.ones(count))
+        across, apart = columns["area"][:, None] * normal, distance[:, None] * normal
+        return RowColumns(entries=entries, across=across, apart=apart, position=position, **columns)
 
     def apart(self, forest: Forest, leaf: Int64Array, face: Int64Array, points: IntArray | FloatArray) -> FloatArray:
         """Vectors to the closest points of the obstacle.  Local.  Raises SceneError as `columns`."""
@@ -71,11 +55,6 @@ class ObstacleRows(RowKind):
         """As `ContactPair.distances`."""
         assert isinstance(self.contact, ContactPair)
         return self.contact.distances(points)
-
-    def pressure_correction(self, rows: ConstraintRows, pressure: FloatArray) -> FacetPressure | None:
-        """At degree 2 force over area alternates around the pressure."""
-        degree = rows.prolongation.space.degree
-        return None if degree == 1 else FacetPressure(rows, pressure, self.index)
 
 
 class PlaneRows(ObstacleRows):
