@@ -16,10 +16,12 @@ on the mesh (`studies.cost.leaf_springs`).
 Source: S. J. Wright, Primal-Dual Interior-Point Methods, SIAM, 1997, chapter 1.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from mpi4py import MPI
 
-from fx_contact.contact.contact_system import ContactSystem, Springs
+from fx_contact.contact.contact_system import ContactSystem
 from fx_contact.law.unilateral import Unilateral
 from fx_contact.parallel.arrays import BoolArray, FloatArray
 
@@ -54,9 +56,7 @@ def find_closed_rows(system: ContactSystem, law: Unilateral, u: FloatArray) -> t
 
     def solved(stiffness: FloatArray, shift: FloatArray, tolerance: float) -> tuple[FloatArray, FloatArray]:
         """Displacement and forces of springs (n,) with shifts (n,) in the normals."""
-        every = Springs(
-            np.where(normal, stiffness, others), np.where(normal, shift, shifts), springs.force, springs.free
-        )
+        every = replace(springs, stiffness=np.where(normal, stiffness, others), shift=np.where(normal, shift, shifts))
         towards = system.solve(every, u, tolerance, anew=True)
         return towards, system.forces(towards)
 
