@@ -166,11 +166,9 @@ class Elasticity(NodalSpaces):
 
         Collective.  Without projected volume strains, which differ on the coarser mesh.
         """
-        u = self.argument.function
-        if not self.projects:
-            energy = self._integral("energy", self._energy(u, self.argument.volume_strain**2))
-        else:
-            energy = self._integral("change", self._energy(u, self._pointwise * ufl.div(u) ** 2))
+        u = self.argument
+        square = self._pointwise * ufl.div(u.function) ** 2 if self.projects else u.volume_strain**2
+        energy = self._integral("change" if self.projects else "energy", self._energy(u.function, square))
         return self._root(energy, conforming, springs=False)
 
     def _energy(self, u: fem.Function, volume_strain2: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
@@ -266,13 +264,11 @@ class Elasticity(NodalSpaces):
         """Stiffness of cells, `mixed`: without `volume_term`.  Local."""
         materials, material = self._materials
         moduli = np.array([one.stiffness for one in materials])
-        volume: FloatArray = np.zeros(len(material))
         for number, one in enumerate(materials):
             if one.projected:
                 moduli[number] = one.isotropic.lame[1] * np.diag([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
-        if self.projects:
-            first, second = (self._of_cells(lame) for lame in self.lame)
-            volume = np.where(self._soft, _first_lame(second) if mixed else first, 0.0)
+        first, second = (self._of_cells(lame) for lame in self.lame)
+        volume = np.where(self._soft, _first_lame(second) if mixed else first, 0.0)
         return CellStiffness(self.leaf_mesh, self.prolongation.space.degree, moduli, material, volume)
 
     def volume_term(self, supports: Supports) -> VolumeTerm:
