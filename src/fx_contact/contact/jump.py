@@ -5,7 +5,6 @@ from __future__ import annotations
 from copy import copy
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csc_matrix, csr_matrix
 
@@ -13,6 +12,7 @@ from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.fem.supports import Supports
 from fx_contact.linalg.matrix import distributed
 from fx_contact.parallel.arrays import BoolArray, FloatArray
+from fx_contact.parallel.mpi import any_true
 
 
 class Products:
@@ -32,8 +32,7 @@ class Products:
         indptr = 3 * np.searchsorted(rows.entries.row, np.arange(len(rows) + 1))
         self._matrix = csr_matrix((values.ravel(), columns.ravel(), indptr), shape=(len(rows), len(self._dofs)))
         self._transposed = self._matrix.T.tocsr()
-        away = bool((node >= self._prolongation.owned).any())
-        self.is_local = not self.comm.allreduce(away, op=MPI.LOR)
+        self.is_local = not any_true(self.comm, node >= self._prolongation.owned)
 
     def distributed(self) -> PETSc.Mat:
         """The AIJ matrix, rows by unknowns."""

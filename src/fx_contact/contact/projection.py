@@ -5,7 +5,6 @@ from __future__ import annotations
 from copy import copy
 
 import numpy as np
-from mpi4py import MPI
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.contact.gram import Gram
@@ -42,8 +41,7 @@ class Projection:
         self._weighted = Products(rows, weighted)
         diagonal = entries.sums((jump.values * weighted).sum(axis=1), len(rows))
         count = rows.prolongation.sums_at(entries.node, (jump.values != 0).astype(float))
-        shared = self._comm.allreduce(float(count.max(initial=0.0)), op=MPI.MAX) > 1
-        share = rows.area / rows.node_area if shared else None
+        share = rows.area / rows.node_area if any_true(self._comm, count > 1) else None
         self._gram = Gram(jump.matrix, self._weighted, diagonal, share)
 
     def of(self, jump: Jump, active: BoolArray, stiffness: FloatArray | None = None) -> Projection:

@@ -10,7 +10,6 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 from dolfinx.la import InsertMode, Vector, vector
-from mpi4py import MPI
 from scipy.sparse import csr_matrix, vstack
 
 from fx_contact.fem.space import Space
@@ -19,7 +18,7 @@ from fx_contact.geometry import hexahedron
 from fx_contact.geometry.lattice import MAX_LEVEL
 from fx_contact.parallel.arrays import FloatArray, Int8Array, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.compat import index_map
-from fx_contact.parallel.mpi import Directory
+from fx_contact.parallel.mpi import Directory, any_true
 
 _NONE = -1
 
@@ -79,11 +78,10 @@ class Prolongation:
 
     def reaching(self, keys: Int64Array) -> "Prolongation":
         """This, or one with further nodes by their keys (k,), the same at those of this rank.  Collective on comm."""
-        away = keys[self.space.find(keys) < 0]
-        away = away[~np.isin(away, self._needed)]
-        if not self.comm.allreduce(len(away) > 0, op=MPI.LOR):
+        away = (self.space.find(keys) < 0) & ~np.isin(keys, self._needed)
+        if not any_true(self.comm, away):
             return self
-        return Prolongation(self.space, np.concatenate([self._needed, away]))
+        return Prolongation(self.space, np.concatenate([self._needed, keys[away]]))
 
     def find(self, keys: Int64Array) -> Int64Array:
         """Positions (k,) in `index_map`, -1 where a node hangs, by keys (k,) of nodes or masters.  Local."""
