@@ -63,10 +63,6 @@ class Leaves:
         places = np.asarray(points, np.float64).reshape(-1, 3, 1) / SIDE
         return self.mesh.evaluate(cells, places).reshape(points.shape)
 
-    def positions(self, leaf: IntArray, corner: IntArray) -> FloatArray:
-        """Positions (m, 3) [m] of corners (m,) of leaves (m,).  Local."""
-        return self.evaluate(self.cell[leaf], self.corners[leaf, corner])
-
     @cached_property
     def centres(self) -> FloatArray:
         """(n, 3), positions of the leaf centres [m]."""
