@@ -99,11 +99,11 @@ class Leaves:
 
     def contact_faces(self) -> tuple[Int64Array, Int64Array]:
         """Leaves (m,) and their local faces (m,) on contact surfaces.  Local."""
-        return self.contact_surfaces.faces(self.cell, self.level, self.anchor)
+        return lattice.faces_in(self.contact_surfaces.every, self.cell, self.level, self.anchor)
 
     def paired_faces(self) -> tuple[Int64Array, Int64Array]:
         """Leaves (m,) and their local faces (m,) that have a partner.  Local."""
-        return self.pairing.faces(self.cell, self.level, self.anchor)
+        return lattice.faces_in(self.pairing.paired, self.cell, self.level, self.anchor)
 
     def facets(self, leaf: Int64Array, face: Int64Array) -> LeafFacets:
         """Local faces (m,) of leaves (m,).  Local."""

@@ -167,6 +167,12 @@ def root_faces(anchor: Int32Array, level: Int8Array) -> BoolArray:
     return ends[:, hexahedron.FACE_SIDE, hexahedron.FACE_AXIS]
 
 
+def faces_in(mask: BoolArray, cell: IntArray, level: Int8Array, anchor: Int32Array) -> tuple[Int64Array, Int64Array]:
+    """Leaves (m,) and their local faces (m,), by leaf, then face, on faces of root cells in a mask (ncells, 6)."""
+    leaf, face = np.nonzero(root_faces(anchor, level) & mask[cell])
+    return leaf, face
+
+
 def root_edges(anchor: Int32Array, level: Int8Array) -> BoolArray:
     """Mask (n, 12) of the edges of leaves that lie on edges of their root cells."""
     return np.all(root_faces(anchor, level)[:, hexahedron.EDGE_FACES], axis=2)

@@ -6,10 +6,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from fx_contact.geometry.lattice import root_faces
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.contact import Contact
-from fx_contact.parallel.arrays import BoolArray, Int8Array, Int32Array, Int64Array
+from fx_contact.parallel.arrays import BoolArray, Int32Array
 from fx_contact.parallel.errors import PairingError
 from fx_contact.surfaces.nonmatching import NonmatchingSurfaces
 
@@ -72,11 +71,6 @@ class ContactSurfaces:
     def every(self) -> BoolArray:
         """(ncells, 6), faces in any contact."""
         return self.on(self.table[:, 0])
-
-    def faces(self, cell: Int32Array, level: Int8Array, anchor: Int32Array) -> tuple[Int64Array, Int64Array]:
-        """Faces of leaves on contact surfaces: indices (m,) of the leaves and local faces (m,), by leaf, then face."""
-        leaf, face = np.nonzero(root_faces(anchor, level) & self.every[cell])
-        return leaf, face
 
     @property
     def _faced(self) -> dict[int, tuple[tuple[str, ...], tuple[float, float, float] | None]]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from fx_contact.geometry import hexahedron
-from fx_contact.geometry.lattice import MAX_LEVEL, SIDE, leaf_corners, leaf_side, root_faces
+from fx_contact.geometry.lattice import MAX_LEVEL, SIDE, faces_in, leaf_corners, leaf_side
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.contact import Contact, ContactPair
 from fx_contact.items.ties import Tie
@@ -100,11 +100,6 @@ class Pairing:
         np.put_along_axis(result, hexahedron.FACE_AXIS[other_face][:, None, None], normal[:, None, None], axis=2)
         return other, other_face, result
 
-    def faces(self, cell: Int32Array, level: Int8Array, anchor: Int32Array) -> tuple[Int64Array, Int64Array]:
-        """Paired faces of leaves: indices (m,) of the leaves and local faces (m,), by leaf, then by face."""
-        leaf, face = np.nonzero(root_faces(anchor, level) & self.paired[cell])
-        return leaf, face
-
     def partners(
         self, cell: Int32Array, level: Int8Array, anchor: Int32Array, face: IntArray
     ) -> tuple[Int32Array, Int32Array]:
@@ -120,7 +115,7 @@ class Pairing:
     def representatives(self, cell: Int32Array, level: Int8Array, anchor: Int32Array) -> Int64Array:
         """Lowest `leaf_code` (n,) in the group of each leaf: all leaves that it faces, directly or through others."""
         result = leaf_code(cell, anchor)
-        origin, face = self.faces(cell, level, anchor)
+        origin, face = faces_in(self.paired, cell, level, anchor)
         seen = np.stack([np.arange(len(cell)), result], axis=1)[np.unique(origin)]
         cells, anchors = cell[origin], anchor[origin]
         while len(origin):
@@ -132,7 +127,7 @@ class Pairing:
             seen, index = np.unique(np.concatenate([seen, reached]), axis=0, return_index=True)
             fresh = index[index >= known] - known
             origin, cells, anchors = origin[fresh], cells[fresh], anchors[fresh]
-            leaf, face = self.faces(cells, level[origin], anchors)
+            leaf, face = faces_in(self.paired, cells, level[origin], anchors)
             origin, cells, anchors = origin[leaf], cells[leaf], anchors[leaf]
         return result
 
