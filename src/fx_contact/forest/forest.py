@@ -15,7 +15,7 @@ from fx_contact.forest.leaves import Leaves
 from fx_contact.geometry import hexahedron, lattice
 from fx_contact.geometry.lattice import MAX_LEVEL, Lattice
 from fx_contact.geometry.root_mesh import RootMesh
-from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.memory import check_leaves
@@ -150,12 +150,6 @@ class Forest(Leaves):
         corner = child @ [1, 2, 4]
         # A child's corner one step from the corner it shares with its parent is the midpoint of a parent's edge.
         middles = self.vertices.cells[leaves[:, None], corner[:, None] ^ [1, 2, 4]]
-        rim = self._rim_edges(marked)
+        on_rim = lattice.root_edges(self.anchor[marked], self.level[marked]) & self.pairing.rim[self.cell[marked]]
+        rim = self.edges.cells[marked][on_rim]
         return np.concatenate([self.vertices.keys[middles.ravel()], self.edges.directory.keys[rim]])
-
-    def _rim_edges(self, marked: BoolArray) -> Int32Array:
-        """Positions (m,) in `edges` of the edges of marked leaves on the rim of paired surfaces."""
-        leaves = np.flatnonzero(marked)
-        on = lattice.root_edges(self.anchor[leaves], self.level[leaves]) & self.pairing.rim[self.cell[leaves]]
-        leaf, edge = np.nonzero(on)
-        return self.edges.cells[leaves[leaf], edge]
