@@ -101,8 +101,8 @@ def test_area_of_a_ring():
     """The inside of a ring of radius 2 and length 3: normals towards the axis, area 12 pi."""
     mesh = root_mesh_from_shapes({"ring": ring(2.0, 3.0, 3.0, (1, 2, 1))})
     rows = mesh.surfaces["ring inside"]
-    zero = np.zeros(len(rows), dtype=np.int32)
-    facets = LeafFacets.named(mesh, rows[:, 0], rows[:, 1], np.stack([zero, zero], axis=1), zero + SIDE)
+    level, anchor = np.zeros(len(rows), dtype=np.int8), np.zeros((len(rows), 3), dtype=np.int32)
+    facets = LeafFacets.of_leaves(mesh, rows[:, 0], level, anchor, rows[:, 1])
     points, weights = np.polynomial.legendre.leggauss(12)
     uv = np.stack(np.meshgrid((points + 1) / 2, (points + 1) / 2), axis=-1).reshape(-1, 2)
     at = facets.at(np.broadcast_to(uv, (len(rows), *uv.shape)))

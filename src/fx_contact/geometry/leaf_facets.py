@@ -37,18 +37,13 @@ class LeafFacets:
     side: Int32Array
 
     @classmethod
-    def named(cls, mesh: RootMesh, cell: IntArray, face: IntArray, low: Int32Array, side: Int32Array) -> Self:
-        """Leaf facets by root cells (n,), local faces (n,), low corners (n, 2) and sides (n,).  Local."""
-        code, index = np.unique(cell.astype(np.int64) * 6 + face, return_inverse=True)
-        return cls(RootFacets(mesh, np.stack(np.divmod(code, 6), axis=1)), index, low, side)
-
-    @classmethod
     def of_leaves(
         cls, mesh: RootMesh, cell: Int32Array, level: Int8Array, anchor: Int32Array, face: Int64Array
     ) -> Self:
         """Faces (n,) of leaves by root cells (n,), levels (n,) and anchors (n, 3).  Local."""
         low = np.take_along_axis(anchor, hexahedron.FACE_TANGENTS[face], axis=1)
-        return cls.named(mesh, cell, face, low, leaf_side(level))
+        code, index = np.unique(cell.astype(np.int64) * 6 + face, return_inverse=True)
+        return cls(RootFacets(mesh, np.stack(np.divmod(code, 6), axis=1)), index, low, leaf_side(level))
 
     def __len__(self) -> int:
         return len(self.index)
