@@ -102,12 +102,12 @@ class FacingFacets:
         mine, directory = self._on_second
         codes = leaf_code(self.second.cell.astype(np.int32), self.anchor)
         _, refined = directory.lookup(codes, marked[mine], marked[mine])
-        size = self.surfaces.size[self.second.cell, self.second.face] * self.second.side / SIDE
+        size = self.second.root.size[self.second.index] * self.second.side / SIDE
         size = np.where(refined, size / 2, size)
         least = np.full(len(self.first), np.inf)
         one, two = self.pairs[self.faced].T
         np.minimum.at(least, one, size[two])
-        own = self.surfaces.size[self.first.cell, self.first.face] * self.first.side / SIDE
+        own = self.first.root.size[self.first.index] * self.first.side / SIDE
         result = np.zeros(len(marked), dtype=bool)
         result[self.leaf[own > _LARGER * least]] = True
         return result & ~marked

@@ -65,14 +65,6 @@ class NonmatchingSurfaces:
     def _both(self) -> tuple[RootFacets, RootFacets]:
         return self.first, self.second
 
-    @cached_property
-    def size(self) -> FloatArray:
-        """(ncells, 6), root of the area of root facets, by that of their corners; 0 of others [m]."""
-        result = np.zeros((len(self.mesh.cells), 6))
-        for facets in self._both:
-            result[tuple(facets.facets.T)] = facets.size
-        return result
-
     def directions(self, normal: FloatArray) -> FloatArray:
         """Unit vectors (..., 3) along which points with unit normals (..., 3) face the second surface [-]."""
         direction = self.contact.unit_direction
