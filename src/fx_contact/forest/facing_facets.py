@@ -1,15 +1,13 @@
 """Leaf facets that face each other across contact surfaces whose meshes do not match."""
 
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 
 from fx_contact.forest.leaves import Leaves
 from fx_contact.geometry.lattice import SIDE
 from fx_contact.geometry.leaf_facets import LeafFacets
-from fx_contact.parallel.arrays import BoolArray, FloatArray, Int8Array, Int32Array, Int64Array
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array
 from fx_contact.parallel.box_search import Boxes, meeting_boxes
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.mpi import Directory
@@ -22,9 +20,10 @@ _MARGIN = 1 / 3
 _LARGER = 2**0.5
 
 
-@dataclass(frozen=True, eq=False)
 class FacingFacets:
     """This rank's leaf facets on the first surface, and those of any rank on the second that they may face.
+
+    Collective on leaves.comm.
 
     Attributes:
         leaf, face: (n,), leaves and local faces of the first.
@@ -37,44 +36,32 @@ class FacingFacets:
         faced: (k,), pairs of which a sample of the first faces the second.
     """
 
-    leaves: Leaves
-    surfaces: NonmatchingSurfaces
-    leaf: Int64Array
-    face: Int64Array
-    first: LeafFacets
-    second: LeafFacets
-    level: Int8Array
-    anchor: Int32Array
-    rank: Int64Array
-    pairs: Int64Array
-    faced: BoolArray
-
-    @classmethod
-    def of(cls, leaves: Leaves, surfaces: NonmatchingSurfaces) -> Self:
-        """Leaf facets of a rank that face each other.  Collective on leaves.comm."""
-        leaf, face = leaves.boundary_faces(surfaces.first.facets)
-        first = leaves.facets(leaf, face)
+    def __init__(self, leaves: Leaves, surfaces: NonmatchingSurfaces) -> None:
+        self._leaves = leaves
+        self.leaf, self.face = leaves.boundary_faces(surfaces.first.facets)
+        first = self.first = leaves.facets(self.leaf, self.face)
         samples = _Faced(surfaces, first)
-        mine, my_face = leaves.boundary_faces(surfaces.second.facets)
+        self._on_second = leaves.boundary_faces(surfaces.second.facets)
+        mine, my_face = self._on_second
         rank = np.full(len(mine), leaves.comm.rank)
         names = np.column_stack([leaves.cell[mine], leaves.level[mine], my_face, leaves.anchor[mine], rank])
         boxes = _around(leaves.facets(mine, my_face).at(SAMPLES).position)
         asked, name = meeting_boxes(leaves.comm, samples.boxes, boxes, names.astype(np.int64))
         name, number = np.unique(name, axis=0, return_inverse=True)
-        cell, level, anchor = name[:, 0].astype(np.int32), name[:, 1].astype(np.int8), name[:, 3:6].astype(np.int32)
-        second = LeafFacets.of_leaves(leaves.mesh, cell, level, anchor, name[:, 2])
+        cell, self.level = name[:, 0].astype(np.int32), name[:, 1].astype(np.int8)
+        self.anchor, self.rank = name[:, 3:6].astype(np.int32), name[:, 6]
+        second = self.second = LeafFacets.of_leaves(leaves.mesh, cell, self.level, self.anchor, name[:, 2])
         pairs = np.stack([asked, number.ravel()], axis=1)
         sides = (np.stack([side.cell, side.face], axis=1)[column] for side, column in zip((first, second), pairs.T))
-        pairs = pairs[~surfaces.joined_before(*sides)]
-        faced = samples.on(second, pairs)
-        return cls(leaves, surfaces, leaf, face, first, second, level, anchor, name[:, 6], pairs, faced)
+        self.pairs = pairs[~surfaces.joined_before(*sides)]
+        self.faced = samples.on(second, self.pairs)
 
     @cached_property
-    def _on_second(self) -> tuple[Int64Array, Directory]:
+    def _known(self) -> tuple[Int64Array, Directory]:
         """This rank's leaves on the second surface, and the directory of their codes."""
-        mine = np.unique(self.leaves.boundary_faces(self.surfaces.second.facets)[0])
-        codes = leaf_code(self.leaves.cell[mine], self.leaves.anchor[mine])
-        return mine, Directory(self.leaves.comm, codes, self.leaves.homes.of_leaves)
+        mine = np.unique(self._on_second[0])
+        codes = leaf_code(self._leaves.cell[mine], self._leaves.anchor[mine])
+        return mine, Directory(self._leaves.comm, codes, self._leaves.homes.of_leaves)
 
     @cached_property
     def covered(self) -> tuple[tuple[Int64Array, Int64Array], tuple[Int64Array, Int64Array]]:
@@ -83,23 +70,23 @@ class FacingFacets:
         Collective at first use.
         """
         one, two = (np.unique(column) for column in self.pairs[self.faced].T)
-        away = Exchange(self.leaves.comm, self.rank[two])
+        away = Exchange(self._leaves.comm, self.rank[two])
         codes = leaf_code(self.second.cell[two].astype(np.int32), self.anchor[two])
-        mine, mine_face = self.leaves.boundary_faces(self.surfaces.second.facets)
-        names = np.column_stack([leaf_code(self.leaves.cell[mine], self.leaves.anchor[mine]), mine_face])
+        mine, my_face = self._on_second
+        names = np.column_stack([leaf_code(self._leaves.cell[mine], self._leaves.anchor[mine]), my_face])
         asked = np.column_stack([away.forward(codes), away.forward(self.second.face[two])])
         both = np.unique(np.concatenate([names, asked]), axis=0, return_inverse=True)[1].ravel()
         there = np.isin(both[: len(mine)], both[len(mine) :])
-        return (self.leaf[one], self.face[one]), (mine[there], mine_face[there])
+        return (self.leaf[one], self.face[one]), (mine[there], my_face[there])
 
     @property
     def split(self) -> int:
         """Number of this rank's pairs that face each other, of which the second is on another rank.  Local."""
-        return int((self.rank[self.pairs[self.faced, 1]] != self.leaves.comm.rank).sum())
+        return int((self.rank[self.pairs[self.faced, 1]] != self._leaves.comm.rank).sum())
 
     def too_large(self, marked: BoolArray) -> BoolArray:
         """Leaves (n,) whose facets are larger than those they face once marked leaves (n,) are refined.  Collective."""
-        mine, directory = self._on_second
+        mine, directory = self._known
         codes = leaf_code(self.second.cell.astype(np.int32), self.anchor)
         _, refined = directory.lookup(codes, marked[mine], marked[mine])
         size = self.second.root.size[self.second.index] * self.second.side / SIDE

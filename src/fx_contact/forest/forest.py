@@ -63,7 +63,7 @@ class Forest(Leaves):
     def facing(self) -> dict[int, FacingFacets]:
         """Leaf facets across surfaces whose meshes do not match, by contact.  Collective on comm at first use."""
         surfaces = self.contact_surfaces.nonmatching
-        return {index: FacingFacets.of(self, pair) for index, pair in surfaces.items()}
+        return {index: FacingFacets(self, pair) for index, pair in surfaces.items()}
 
     def too_large(self, marked: BoolArray) -> BoolArray:
         """Leaves (n,) whose contact facets are too large for those they face once marked ones (n,) are refined.
