@@ -95,9 +95,7 @@ class FacingFacets:
         one, two = self.pairs[self.faced].T
         np.minimum.at(least, one, size[two])
         own = self.first.root.size[self.first.index] * self.first.side / SIDE
-        result = np.zeros(len(marked), dtype=bool)
-        result[self.leaf[own > _LARGER * least]] = True
-        return result & ~marked
+        return np.isin(np.arange(len(marked)), self.leaf[own > _LARGER * least]) & ~marked
 
 
 class _Faced:

@@ -64,8 +64,7 @@ class Units:
         self.comm, self._forest = forest.comm, forest
         self.keys, self.of_leaf = np.unique(curve_keys(forest, pairs), return_inverse=True)
         self.weights = np.bincount(self.of_leaf, minlength=len(self.keys))
-        self.contact = np.zeros(len(self.keys), dtype=bool)
-        self.contact[self.of_leaf[forest.contact_faces()[0]]] = True
+        self.contact = np.isin(np.arange(len(self.keys)), self.of_leaf[forest.contact_faces()[0]])
 
     def __len__(self) -> int:
         return len(self.keys)

@@ -95,8 +95,7 @@ class _Rows:
 
 def _meetings(comm: MPI.Intracomm, hosts: _Rows, guests: _Rows, same: bool) -> tuple[Int64Array, Int64Array]:
     """Names of hosts and of guests that intersect, in bins of the edges of the hosts: larger, or the same if `same`."""
-    used = np.zeros(_SIZES, dtype=bool)
-    used[hosts.exponent] = True
+    used = np.isin(np.arange(_SIZES), hosts.exponent)
     comm.Allreduce(MPI.IN_PLACE, used, op=MPI.LOR)
     exponents = np.flatnonzero(used)
     row, column = np.nonzero(exponents <= guests.exponent[:, None] - (not same))

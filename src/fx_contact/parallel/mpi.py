@@ -100,9 +100,7 @@ class Directory:
     def asked(self, queries: Int64Array) -> BoolArray:
         """Mask (n,) of this rank's keys that are among the queries (m,) of any rank, repetition allowed."""
         slot, found, _ = self._visit(queries)
-        asked = np.zeros(len(self._distinct), dtype=bool)
-        asked[slot[found]] = True
-        return self._exchange.backward(asked[self._slot])
+        return self._exchange.backward(np.isin(self._slot, slot[found]))
 
     def lookup(
         self, queries: Int64Array, rows: npt.NDArray[Scalar], given: BoolArray
@@ -113,9 +111,8 @@ class Directory:
         """
         queries, back = np.unique(queries, return_inverse=True)
         slot, found, exchange = self._visit(queries)
-        wanted = np.zeros(len(self._distinct), dtype=bool)
-        wanted[slot[found]] = True
-        table, known = self._table(rows, given & self._exchange.backward(wanted[self._slot]))
+        wanted = self._exchange.backward(np.isin(self._slot, slot[found]))
+        table, known = self._table(rows, given & wanted)
         found[found] = known[slot[found]]
         answer = np.zeros((len(slot), *table.shape[1:]), table.dtype)
         answer[found] = table[slot[found]]
