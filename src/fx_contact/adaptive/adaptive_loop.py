@@ -131,15 +131,7 @@ def adapt(
     check_alike(comm, entries)
     about = settings.problem, settings.fixed(), source
     writer = None if checkpoint is None else CheckpointWriter(checkpoint, comm, *about)
-    return Run(
-        settings,
-        comm,
-        max_steps=max_steps,
-        partition_kind=partition_kind,
-        source=source or state,
-        writer=writer,
-        progress=progress,
-    )
+    return Run(settings, comm, max_steps, partition_kind, source or state, writer, progress)
 
 
 def _checkpoint(restart: Checkpoint | str | Path | None, scene: Scene, comm: MPI.Intracomm) -> Checkpoint | None:
@@ -179,21 +171,18 @@ class Run:
         records: of all steps so far.
     """
 
-    step: Step | None
-    records: list[StepRecord]
-
     def __init__(
         self,
         settings: Settings,
         comm: MPI.Intracomm,
-        *,
         max_steps: int,
         partition_kind: str,
         source: State | Checkpoint | None,
         writer: CheckpointWriter | None,
         progress: bool | Callable[[int, str], None] | None,
     ) -> None:
-        self.step, self.records = None, []
+        self.step: Step | None = None
+        self.records: list[StepRecord] = []
         self.settings, self._comm, self._kind = settings, comm, partition_kind
         self._max_steps, self._source, self._writer, self._progress = max_steps, source, writer, progress
         self._finished = False
