@@ -129,8 +129,7 @@ def adapt(
             "restart": None if source is None else [str(source.path), len(source.records)],
         }
     check_alike(comm, entries)
-    about = settings.problem, settings.fixed(), source
-    writer = None if checkpoint is None else CheckpointWriter(checkpoint, comm, *about)
+    writer = None if checkpoint is None else CheckpointWriter(checkpoint, comm, settings, source)
     return Run(settings, comm, max_steps, partition_kind, source or state, writer, progress)
 
 
@@ -156,7 +155,7 @@ def _check_start(
         raise SceneError("a run begins at a Beginning or restarts from a Checkpoint, not both")
     if restart is not None:
         check_same_comm("the checkpoint to restart from", restart.comm, comm)
-        restart.check(settings.problem, settings.fixed())
+        restart.check(settings)
     if isinstance(beginning, Beginning):
         beginning.check(settings.scene, comm)
 

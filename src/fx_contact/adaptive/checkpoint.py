@@ -13,6 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fx_contact.adaptive.checkpoint_file import CheckpointFile, write_checkpoint
+from fx_contact.adaptive.settings import Settings
 from fx_contact.adaptive.state import State
 from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
@@ -43,8 +44,7 @@ class CheckpointWriter:
 
     Args:
         folder: made if it is not there.
-        problem: as from `fingerprint.scene_parts`.
-        options: those that must not change, for JSON.
+        settings: of the run.
         restart: from which the run continues.
 
     Raises:
@@ -53,14 +53,9 @@ class CheckpointWriter:
     """
 
     def __init__(
-        self,
-        folder: str | Path,
-        comm: MPI.Intracomm,
-        problem: Mapping[str, Any],
-        options: Mapping[str, Any],
-        restart: "Checkpoint | None" = None,
+        self, folder: str | Path, comm: MPI.Intracomm, settings: Settings, restart: "Checkpoint | None" = None
     ) -> None:
-        self._problem, self._options = problem, options
+        self._settings = {"problem": settings.problem, "options": settings.fixed()}
         self._run = comm.bcast(uuid4().hex)
         self._replaceable = {self._run} | ({restart.run} if restart is not None else set())
         with together(comm):
@@ -87,10 +82,9 @@ class CheckpointWriter:
         # Conforming nodes by their owner; hanging ones, at -1, by every rank that has them, alike to rounding.
         rows = prolongation.conforming < prolongation.owned
         level = forest.level.astype(np.uint64)
-        content = {
+        content: dict[str, Any] = {
             "run": self._run,
-            "problem": self._problem,
-            "options": self._options,
+            **self._settings,
             "degree": prolongation.space.degree,
             "fields": dict(fields.sizes),
             "records": [record.as_json() for record in records],
@@ -148,10 +142,10 @@ class Checkpoint:
         except TypeError:
             raise CheckpointError(f"{str(self.path)!r} is of another version of fx_contact: begin anew") from None
 
-    def check(self, problem: Mapping[str, Any], options: Mapping[str, Any]) -> None:
-        """Raises CheckpointError unless a run with this problem and these options can continue here.  Local."""
-        self._compare(self._file.content["problem"], problem)
-        self._compare(self._file.content["options"], options)
+    def check(self, settings: Settings) -> None:
+        """Raises CheckpointError unless a run with these settings can continue here.  Local."""
+        self._compare(self._file.content["problem"], settings.problem)
+        self._compare(self._file.content["options"], settings.fixed())
 
     def _compare(self, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
         if differing := differences(before, now, "then", "now"):

@@ -282,8 +282,7 @@ class LoadPath:
         """A Run of a scene after its first step.  Collective."""
         run = adapt(scene, self._tolerance, self._comm, **options)
         if self._folder is not None and self._writer is None:
-            about = run.settings.problem, run.settings.fixed(), self._before
-            self._writer = CheckpointWriter(self._folder, self._comm, *about)
+            self._writer = CheckpointWriter(self._folder, self._comm, run.settings, self._before)
         with together(self._comm):
             self._check_varied(run.settings.problem)
         run.advance()
@@ -317,6 +316,6 @@ class LoadPath:
         options = self._options | {"allow": tuple(REFUSED)}  # the last increment may have no load
         settings = adapt(scene, self._tolerance, comm, **options).settings
         with together(comm):
-            before.check(settings.problem, settings.fixed())
+            before.check(settings)
         self._last = replace(before.load(), moved=places(scene))
         write_sweep(folder, comm, self.records)
