@@ -100,7 +100,8 @@ def adapt(
         Steps yielded before stay valid; an `FxContactError` holds the last state.
     """
     check_comm(comm)
-    source = _checkpoint(restart, scene, comm)
+    check_alike(comm, {"restart": str(restart) if isinstance(restart, (str, Path)) else None})
+    source = Checkpoint(restart, scene, comm) if isinstance(restart, (str, Path)) else restart
     with together(comm):
         settings = Settings(
             scene,
@@ -131,13 +132,6 @@ def adapt(
     check_alike(comm, entries)
     writer = None if checkpoint is None else CheckpointWriter(checkpoint, comm, settings, source)
     return Run(settings, comm, max_steps, partition_kind, source or state, writer, progress)
-
-
-def _checkpoint(restart: Checkpoint | str | Path | None, scene: Scene, comm: MPI.Intracomm) -> Checkpoint | None:
-    """A checkpoint, or that of a folder.  Collective.  Raises errors as Checkpoint; SceneError if ranks differ."""
-    folder = restart if isinstance(restart, (str, Path)) else None
-    check_alike(comm, {"restart": None if folder is None else str(folder)})
-    return restart if not isinstance(restart, (str, Path)) else Checkpoint(restart, scene, comm)
 
 
 def _check_start(
