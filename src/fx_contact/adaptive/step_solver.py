@@ -187,20 +187,16 @@ def elasticity_of(
     return Elasticity(mesh, materials, scene.mesh.region[cells], prolongation, stages, layer, springs, strain)
 
 
-class _Rows(NamedTuple):
-    """Rows of contact, and of obstacles below forces as in `ContactProblem`."""
+def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, RowsAt | None, FloatArray]:
+    """Rows of contact, and of obstacles below forces as in `ContactProblem`: where they were before, or touch.
 
-    rows: ConstraintRows | None
-    rows_at: RowsAt | None = None
-    distances: FloatArray = np.zeros(0)
-
-
-def _rows(settings: Settings, start: StepStart) -> _Rows:
-    """Rows of contact, with obstacles below forces where they were before, or where they touch.  Collective."""
+    Collective.
+    """
     scene, enforcement = settings.scene, settings.enforcement
     moved = [pair.name for pair in scene.contact if pair.motion is not None]
     if not moved:
-        return _Rows(create_rows(scene, start.prolongation, enforcement) if scene.interfaces else None)
+        rows = create_rows(scene, start.prolongation, enforcement) if scene.interfaces else None
+        return rows, None, np.zeros(0)
     known = columns_at_rest(scene, start.prolongation, enforcement)
 
     def rows_at(distances: FloatArray) -> ConstraintRows:
@@ -213,7 +209,7 @@ def _rows(settings: Settings, start: StepStart) -> _Rows:
         distances = np.array([before[name] for name in moved], dtype=np.float64)
     else:
         distances = touching(rows_at, len(moved), start.displacement)
-    return _Rows(rows_at(distances), rows_at, distances)
+    return rows_at(distances), rows_at, distances
 
 
 def _assess(
