@@ -226,20 +226,28 @@ def _assess(
         SolveError: the linear solver or equilibrium are off by more than the tolerance allows.
         ValidityError: the solution is far outside of linear elasticity.
     """
-    tolerance, comm, theta = settings.tolerance, start.forest.comm, start.effectivity
+    tolerance, control, theta = settings.tolerance, settings.control, start.effectivity
     state, duals = _estimate(settings, start, discrete, solution, system, stages)
     _check_solver(state, tolerance)
     residual = _checked_residual(state, discrete)
     warnings = load_warnings(state.scene) if HISTORY not in start.fields else []  # a last increment may have none
-    figures = figures_of_contact(state.scene, state.rows, solution, comm)
+    figures = figures_of_contact(state.scene, state.rows, solution, start.forest.comm)
     resultants = sum_up(state, residual, discrete.load_totals, np.array(figures.contact_centre))
     warnings += [*warnings_of_state(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
     warnings += unbalanced_moments(state.scene, resultants)
     check_model_warnings(warnings, (*settings.allow, "no load"))  # refused at the beginning
-    met = settings.control.sought(state.estimate, tolerance, theta) is None
-    of_contact, goals = _errors_of_goals(settings, state, residual, figures, theta, duals, met)
+    met = control.sought(state.estimate, tolerance, theta) is None
+    holds_contact = state.rows is not None and control.of_contact
+    pair_forces = figures.pair_forces if holds_contact else ()
+    forces = force_goals([pair.name for pair in state.scene.contact], pair_forces, tolerance)
+    goals = *forces.values(), *settings.goals
+    # Errors that need adjoint solutions are computed once the tolerance is met.
+    judged = judge_goals(goals, duals if met else None, state, residual, theta, control)
+    of_user = judged[len(forces) :]
+    of_contact = contact_error(state, duals.between if holds_contact else None, dict(zip(forces, judged)), of_user)
     reached = met and not of_contact.leaves and (of_contact.penalty_share or 0.0) <= tolerance**2
-    return _Assessment(state, of_contact, goals, figures, resultants, warnings, bool(reached))
+    known = tuple(goal.record for goal in of_user)
+    return _Assessment(state, of_contact, known, figures, resultants, warnings, bool(reached))
 
 
 def _estimate(
@@ -283,28 +291,6 @@ def _checked_residual(state: SolvedState, discrete: _Discrete) -> FloatArray:
     if state.estimate.energy_norm:
         check_balance(state, residual, discrete.problem.load, discrete.problem.supports)
     return residual
-
-
-def _errors_of_goals(
-    settings: Settings,
-    state: SolvedState,
-    residual: FloatArray,
-    figures: ContactFigures,
-    theta: float,
-    duals: Goals,
-    met: bool,
-) -> tuple[ContactError, tuple[GoalRecord, ...]]:
-    """Errors of contact and of the user's goals; those that need adjoint solutions once the tolerance is `met`."""
-    control, contacts = settings.control, state.scene.contact
-    holds_contact = state.rows is not None and control.of_contact
-    pair_forces = figures.pair_forces if holds_contact else ()
-    forces = force_goals([pair.name for pair in contacts], pair_forces, settings.tolerance)
-    goals = *forces.values(), *settings.goals
-    judged = judge_goals(goals, duals if met else None, state, residual, theta, control)
-    of_user = judged[len(forces) :]
-    between = duals.between if holds_contact else None
-    of_contact = contact_error(state, between, dict(zip(forces, judged)), of_user)
-    return of_contact, tuple(goal.record for goal in of_user)
 
 
 def _record(
