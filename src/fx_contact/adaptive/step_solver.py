@@ -131,11 +131,39 @@ def solve_step(
         solution, system = solve_system(discrete.problem, start.displacement, options, stages, objects)
         with stages("estimate"):
             assessed = _assess(settings, start, discrete, solution, system, stages)
+    state, of_contact = assessed.state, assessed.contact_error
+    solve = record_of_solve(
+        settings.scene.name, number, state.elasticity, solution, state.estimate, settings.tolerance, stages
+    )
+    record = StepRecord(
+        **vars(solve),
+        **vars(assessed.figures),
+        enforcement=settings.enforcement.method,
+        control=settings.control.mode,
+        contact_iterations=solution.contact_iterations,
+        preconditioner=solution.preconditioner,
+        assumed_effectivity=start.effectivity,
+        expected_estimate=start.expected,
+        pair_errors=of_contact.pair_errors,
+        pair_leaves=of_contact.pair_leaves,
+        penetrated_leaves=of_contact.penetrated_leaves,
+        penalty_share=of_contact.penalty_share,
+        reached=assessed.reached,
+        partition=partition,
+        doubts=assessed.warnings,
+        resultants=assessed.resultants,
+        goals=assessed.goals,
+        motions=Motions(solution.motions),
+        free_motions=solution.free_motions or None,
+        remote_rows=0 if solution.rows is None else solution.rows.remote,
+        yielded_rows=solution.yielded_rows,
+        units=settings.scene.units,
+    )
     return Step(
-        **vars(assessed.state),
-        record=_record(settings, number, start, partition, assessed, stages),
+        **vars(state),
+        record=record,
         start=start.displacement,
-        contact_error=assessed.contact_error,
+        contact_error=of_contact,
         stages=stages,
         fields=start.fields,
     )
@@ -291,42 +319,3 @@ def _checked_residual(state: SolvedState, discrete: _Discrete) -> FloatArray:
     if state.estimate.energy_norm:
         check_balance(state, residual, discrete.problem.load, discrete.problem.supports)
     return residual
-
-
-def _record(
-    settings: Settings,
-    number: int,
-    start: StepStart,
-    partition: PartitionSummary,
-    assessed: _Assessment,
-    stages: Stages,
-) -> StepRecord:
-    """Record of a step.  Collective."""
-    state, of_contact = assessed.state, assessed.contact_error
-    solve = record_of_solve(
-        settings.scene.name, number, state.elasticity, state.solution, state.estimate, settings.tolerance, stages
-    )
-    return StepRecord(
-        **vars(solve),
-        **vars(assessed.figures),
-        enforcement=settings.enforcement.method,
-        control=settings.control.mode,
-        contact_iterations=state.solution.contact_iterations,
-        preconditioner=state.solution.preconditioner,
-        assumed_effectivity=start.effectivity,
-        expected_estimate=start.expected,
-        pair_errors=of_contact.pair_errors,
-        pair_leaves=of_contact.pair_leaves,
-        penetrated_leaves=of_contact.penetrated_leaves,
-        penalty_share=of_contact.penalty_share,
-        reached=assessed.reached,
-        partition=partition,
-        doubts=assessed.warnings,
-        resultants=assessed.resultants,
-        goals=assessed.goals,
-        motions=Motions(state.solution.motions),
-        free_motions=state.solution.free_motions or None,
-        remote_rows=0 if state.solution.rows is None else state.solution.rows.remote,
-        yielded_rows=state.solution.yielded_rows,
-        units=settings.scene.units,
-    )
