@@ -26,6 +26,9 @@ from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_comm, check_flag, shown
 
+#: By dimension: Gmsh's name of the elements of curves and surfaces, and the corners of a cell's edges and faces.
+_FAMILIES = {1: ("Line", hexahedron.EDGE_CORNERS), 2: ("Quadrangle", hexahedron.FACE_CORNERS)}
+
 
 @collective("comm")
 def root_mesh_from_gmsh(comm: MPI.Intracomm, build: Callable[[], object], *, split: bool = False) -> RootMesh:
@@ -123,10 +126,8 @@ def _read_model(model: Any) -> dict[str, Any]:
         "cells": cells,
         "bodies": tuple(bodies),
         "body": body,
-        "surfaces": _facing(
-            model, 2, faces | _groups(model, 2), ("Quadrangle", order), corners, hexahedron.FACE_CORNERS
-        ),
-        "curves": _facing(model, 1, _groups(model, 1), ("Line", order), corners, hexahedron.EDGE_CORNERS),
+        "surfaces": _facing(model, 2, faces | _groups(model, 2), order, corners),
+        "curves": _facing(model, 1, _groups(model, 1), order, corners),
         "vertices": _vertices(model, used),
         "parts": {name: np.flatnonzero(np.isin(volume, own)) for name, own in parts.items()},
     }
@@ -201,27 +202,21 @@ def _groups(model: Any, dimension: int) -> dict[str, IntArray]:
 
 
 def _facing(
-    model: Any,
-    dimension: int,
-    groups: dict[str, IntArray],
-    family: tuple[str, int],
-    corners: Int64Array,
-    local: IntArray,
+    model: Any, dimension: int, groups: dict[str, IntArray], order: int, corners: Int64Array
 ) -> dict[str, IntArray]:
     """Name -> rows (cell, local face or edge) of groups of entities of a dimension, 2 or 1.
 
     Args:
-        family: Gmsh's name of their elements, and the order.
         corners: (ncells, 8), Gmsh's nodes at the cell corners.
-        local: (k, m), corners of the local faces or edges.
     """
-    (k, m), order = local.shape, family[1]
-    element_type = model.mesh.getElementType(*family)
+    family, local = _FAMILIES[dimension]
+    k, m = local.shape
+    element_type = model.mesh.getElementType(family, order)
     known = np.sort(corners[:, local], axis=2).reshape(-1, m)
     rows = {}
     for name, entities in groups.items():
         if {kind for entity in entities for kind in model.mesh.getElementTypes(dimension, entity)} - {element_type}:
-            raise GeometryError(f"group {name!r} of the Gmsh model needs {family[0]}s alone: recombine its surfaces")
+            raise GeometryError(f"group {name!r} of the Gmsh model needs {family}s alone: recombine its surfaces")
         nodes = np.concatenate([model.mesh.getElementsByType(element_type, entity)[1] for entity in entities])
         wanted = np.sort(nodes.reshape(-1, (order + 1) ** dimension)[:, :m].astype(np.int64), axis=1)
         if not len(wanted):
