@@ -159,11 +159,8 @@ def _bodies_and_parts(model: Any, solids: dict[str, IntArray]) -> tuple[dict[str
             "with a name, or remove the volumes"
         )
     sets = {name: set(map(int, volumes)) for name, volumes in groups.items()}
-    parts = {name for name, own in sets.items() if any(own < other for other in sets.values())}
-    return (
-        {name: volumes for name, volumes in groups.items() if name not in parts},
-        {name: volumes for name, volumes in groups.items() if name in parts},
-    )
+    parts = {name: groups[name] for name, own in sets.items() if any(own < other for other in sets.values())}
+    return {name: volumes for name, volumes in groups.items() if name not in parts}, parts
 
 
 def _hexahedron(model: Any) -> tuple[int, int, IntArray]:
