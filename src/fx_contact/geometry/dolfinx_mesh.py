@@ -2,37 +2,21 @@
 
 from collections.abc import Mapping
 from numbers import Integral
-from typing import Any, NamedTuple
+from typing import Any
 
 import basix
 import numpy as np
+import numpy.typing as npt
 from dolfinx.mesh import CellType, Mesh, MeshTags
 from mpi4py import MPI
 
 from fx_contact.geometry import hexahedron
 from fx_contact.geometry.root_mesh_checks import MAX_ORDER
 from fx_contact.parallel import compat
-from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
+from fx_contact.parallel.arrays import FloatArray, Int32Array, IntArray
 from fx_contact.parallel.errors import GeometryError, SceneError
 from fx_contact.parallel.mpi import together
 from fx_contact.parallel.validation import check_same_comm, shown
-
-
-class _Rows(NamedTuple):
-    """Of cells: number, position of the tag in `bodies`, (p+1)^3 nodes and positions [m].
-
-    Of tagged facets: tag, number of the cell, local face.
-
-    Numbers are those of the input of the mesh.
-    """
-
-    number: Int64Array
-    of: Int32Array
-    nodes: Int64Array
-    x: FloatArray
-    tag: Int32Array
-    cell: Int64Array
-    face: Int64Array
 
 
 def gathered_arrays(
@@ -71,23 +55,21 @@ def gathered_arrays(
     mesh.topology.create_connectivity(2, 3)
     mesh.topology.create_connectivity(3, 2)
     with together(comm):
-        mine = _rows(mesh, cell_tags, facet_tags, bodies, surfaces)
-    every = _Rows(*(np.concatenate(part) for part in zip(*comm.allgather(mine))))
-    order = np.argsort(every.number)
-    nodes, x = every.nodes[order], every.x[order]
+        mine = _rows(mesh, cell_tags, facet_tags, list(bodies), list(surfaces))
+    number, of, nodes, x, tag, cell, face = (np.concatenate(part) for part in zip(*comm.allgather(mine)))
+    order = np.argsort(number)
+    of, nodes, x = of[order], nodes[order], x[order]
     used, cells = np.unique(nodes, return_inverse=True)
     points = np.empty((len(used), 3))
     points[cells.ravel()] = x.reshape(-1, 3)
-    rows = np.stack([np.searchsorted(every.number[order], every.cell), every.face], axis=1).astype(np.int32)
-    of, of_bodies = every.of[order], list(dict.fromkeys(bodies.values()))
+    rows = np.stack([np.searchsorted(number[order], cell), face], axis=1).astype(np.int32)
+    of_bodies = list(dict.fromkeys(bodies.values()))
     return {
         "points": points,
         "cells": cells.reshape(nodes.shape),
         "bodies": tuple(of_bodies),
         "body": np.array([of_bodies.index(name) for name in bodies.values()], dtype=np.int32)[of],
-        "surfaces": {
-            name: np.unique(rows[np.isin(every.tag, own)], axis=0) for name, own in _tags_of(surfaces).items()
-        },
+        "surfaces": {name: np.unique(rows[np.isin(tag, own)], axis=0) for name, own in _tags_of(surfaces).items()},
         "parts": {
             name: np.flatnonzero(np.isin(np.array(list(bodies))[of], own)) for name, own in _tags_of(parts).items()
         },
@@ -113,13 +95,13 @@ def _check_mesh(mesh: Mesh, comm: MPI.Intracomm) -> None:
 
 
 def _rows(
-    mesh: Mesh,
-    cell_tags: MeshTags | None,
-    facet_tags: MeshTags,
-    bodies: Mapping[int, str],
-    surfaces: Mapping[int, str],
-) -> _Rows:
-    """Rows of this rank's cells and tagged facets."""
+    mesh: Mesh, cell_tags: MeshTags | None, facet_tags: MeshTags, bodies: list[int], surfaces: list[int]
+) -> tuple[npt.NDArray[Any], ...]:
+    """This rank's cells and tagged facets, from the tags of bodies and of surfaces.
+
+    Of cells: number, position of the tag in `bodies`, (p+1)^3 nodes and positions [m].  Of tagged facets: tag, number
+    of the cell, local face.  Numbers are those of the input of the mesh.
+    """
     owned, numbers = mesh.topology.index_map(3).size_local, mesh.topology.original_cell_index
     of: Int32Array = np.full(len(numbers), 0 if cell_tags is None else -1, dtype=np.int32)
     if cell_tags is not None:
@@ -129,20 +111,18 @@ def _rows(
     if (of < 0).any():
         raise SceneError(
             f"cell {numbers[np.argmin(of)]} of the mesh is in no body: give every cell one of the tags "
-            f"{shown(list(bodies))}"
+            f"{shown(bodies)}"
         )
     order, to_equispaced = _tensor_order(compat.coordinate_element(mesh))
     local = compat.geometry_nodes(mesh)[:owned]
     nodes = mesh.geometry.input_global_indices[local][:, order]
     x = to_equispaced @ mesh.geometry.x[local][:, order]
-    named = np.isin(facet_tags.values, list(surfaces))
+    named = np.isin(facet_tags.values, surfaces)
     tags, facets = facet_tags.values[named], facet_tags.indices[named]
     facets_of_cells = mesh.topology.connectivity(3, 2).array.reshape(-1, 6)[:owned]
     cell, face = np.nonzero(np.isin(facets_of_cells, facets))
     place = np.searchsorted(facets, facets_of_cells[cell, face])  # MeshTags are sorted
-    return _Rows(
-        numbers[:owned], of, nodes, x, tag=tags[place] if len(cell) else tags[:0], cell=numbers[cell], face=face
-    )
+    return numbers[:owned], of, nodes, x, tags[place] if len(cell) else tags[:0], numbers[cell], face
 
 
 def _tensor_order(cmap: Any) -> tuple[IntArray, FloatArray]:
