@@ -194,17 +194,14 @@ def root_mesh_from_shapes(
     for what, given in (("surfaces", surfaces), ("curves", curves), ("vertices", vertices)):
         if not isinstance(given, Mapping | None):
             raise SceneError(f"{what} must be a dict by name, got {shown(given)}")
-    if (
-        not isinstance(bodies, Mapping)
-        or not bodies
-        or not all(isinstance(shape, Shape) for shape in bodies.values())
-    ):
+    shapes = list(bodies.values()) if isinstance(bodies, Mapping) else []
+    if not shapes or not all(isinstance(shape, Shape) for shape in shapes):
         raise GeometryError(f"bodies must be a dict of at least one name and Shape, got {shown(bodies)}")
-    if len({shape.order for shape in bodies.values()}) > 1:
+    if len({shape.order for shape in shapes}) > 1:
         orders = ", ".join(f"{name!r} of order {shape.order}" for name, shape in bodies.items())
         raise GeometryError(f"bodies must be of one order, got {orders}")
     whole = _side_by_side([(f"{name} ", shape) for name, shape in bodies.items()])
-    body = np.repeat(np.arange(len(bodies)), [len(shape.cells) for shape in bodies.values()])
+    body = np.repeat(np.arange(len(bodies)), [len(shape.cells) for shape in shapes])
     known = whole.sides | _united(whole.sides, surfaces or {})
 
     def found(places: Mapping[str, tuple[str, Predicate]] | None, local: Int64Array) -> dict[str, Int32Array]:
@@ -221,29 +218,18 @@ def root_mesh_from_shapes(
             where, place = given
             check_name("body", where, bodies)
             nodes = whole.cells[:, local]
-            there = (
-                _holds(name, place, whole.points)[nodes].all(axis=2) & (body == list(bodies).index(where))[:, None]
-            )
+            inside = _holds(name, place, whole.points)[nodes].all(axis=2)
+            there = inside & (body == list(bodies).index(where))[:, None]
             rows = np.argwhere(there).astype(np.int32)
             if not len(rows):
                 raise GeometryError(f"{name!r} has no edge or corner of a cell of body {where!r}")
             result[name] = rows[np.unique(nodes[there][:, [0, -1]], axis=0, return_index=True)[1]]
         return result
 
-    corner = hexahedron.corner_nodes(whole.order)
-    return RootMesh(
-        whole.points,
-        whole.cells,
-        tuple(bodies),
-        body,
-        known,
-        {
-            name: whole.cells[rows[:, 0], corner[rows[:, 1]]]
-            for name, rows in found(vertices, corner[:, None]).items()
-        },
-        found(curves, hexahedron.edge_nodes(whole.order)),
-        whole.parts,
-    )
+    corners = found(vertices, hexahedron.corner_nodes(whole.order)[:, None])
+    nodes = {name: whole.corners[tuple(rows.T)] for name, rows in corners.items()}
+    edges = found(curves, hexahedron.edge_nodes(whole.order))
+    return RootMesh(whole.points, whole.cells, tuple(bodies), body, known, nodes, edges, whole.parts)
 
 
 def _united(sides: dict[str, Int32Array], surfaces: Mapping[str, str | Sequence[str]]) -> dict[str, Int32Array]:
