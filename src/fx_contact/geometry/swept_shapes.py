@@ -12,7 +12,7 @@ from fx_contact.geometry import hexahedron
 from fx_contact.geometry.shapes import Axis, Shape, images, join, rotation
 from fx_contact.parallel.arrays import FloatArray, Int32Array, Int64Array, IntArray
 from fx_contact.parallel.errors import GeometryError, SceneError
-from fx_contact.parallel.validation import check_count, check_degrees, check_vector, shown
+from fx_contact.parallel.validation import check_count, check_degrees, check_kind, check_vector, shown
 
 #: Local faces of swept cells: at the low and the high end of the first tangent, then of the second.
 _LATERAL = hexahedron.FACES[:2].ravel()
@@ -38,8 +38,7 @@ def sweep_side(
     Raises SceneError for no shape, an unknown side or number of layers, GeometryError unless the path is a function
     that gives positions.
     """
-    if not isinstance(shape, Shape):
-        raise SceneError(f"what is swept must be a Shape, got {shown(shape)}")
+    check_kind("what is swept", shape, Shape)
     check_count("the number of layers", layers)
     if not callable(path):
         raise GeometryError(
@@ -50,9 +49,7 @@ def sweep_side(
     facets = facets.reshape(len(rows), -1)
     steps = np.linspace(0, 1, order * layers + 1)
 
-    points = []
-    for t in map(float, steps):
-        points.append(images("the path", lambda x: path(x, t), shape.points[used]))
+    points = [images("the path", lambda x: path(x, t), shape.points[used]) for t in map(float, steps)]
     n = order + 1
     low, top = points[0][facets[:, [0, order, order * n]]], points[order][facets[:, 0]]
     one, other, along = low[:, 1] - low[:, 0], low[:, 2] - low[:, 0], top - low[:, 0]
