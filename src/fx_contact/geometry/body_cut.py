@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_contact.geometry import hexahedron
+from fx_contact.geometry.hexahedral_mesh import Hexahedra
 from fx_contact.parallel.arrays import IntArray
 from fx_contact.parallel.errors import SceneError
 
@@ -17,10 +17,10 @@ def cut_bodies(arrays: dict[str, Any]) -> dict[str, Any]:
 
     Raises SceneError: no facet lies between bodies, or two surfaces would have one name.
     """
-    cells, body, bodies = arrays["cells"], arrays["body"], arrays["bodies"]
+    points, cells, body, bodies = (arrays[name] for name in ("points", "cells", "body", "bodies"))
     number = len(bodies) * cells + body[:, None]  # of a node in a body
     used, own = np.unique(number, return_inverse=True)
-    facet, other = _between(cells, body)
+    facet, other = _between(Hexahedra(points, cells), body)
     if not len(facet):
         raise SceneError("no facet lies between two bodies: without `split` the mesh is taken as it is")
     names, rows = list[str](), list[IntArray]()
@@ -39,19 +39,13 @@ def cut_bodies(arrays: dict[str, Any]) -> dict[str, Any]:
         name: np.flatnonzero(np.isin(used // len(bodies), nodes))
         for name, nodes in arrays.get("vertices", {}).items()
     }
-    points = arrays["points"][used // len(bodies)]
-    changed = {"points": points, "cells": own.reshape(cells.shape), "surfaces": dict(zip(names, rows))}
-    return arrays | changed | {"vertices": vertices}
+    arrays = arrays | {"points": points[used // len(bodies)], "cells": own.reshape(cells.shape)}
+    return arrays | {"surfaces": dict(zip(names, rows)), "vertices": vertices}
 
 
-def _between(cells: IntArray, body: IntArray) -> tuple[IntArray, IntArray]:
+def _between(mesh: Hexahedra, body: IntArray) -> tuple[IntArray, IntArray]:
     """Facets (n,), 6 times the cell plus the local face, on another body, ascending, and that body (n,)."""
-    order = round(cells.shape[1] ** (1 / 3)) - 1
-    corners = cells[:, hexahedron.corner_nodes(order)][:, hexahedron.FACE_CORNERS].reshape(-1, 4)
-    _, same = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)
-    place = np.argsort(same.ravel(), kind="stable")
-    twice = np.flatnonzero(np.diff(same.ravel()[place]) == 0)
-    here, there = (np.concatenate([place[twice + i], place[twice + 1 - i]]) for i in (0, 1))
+    here, there = np.concatenate([mesh.common_faces, mesh.common_faces[:, ::-1]]).T
     some = np.flatnonzero(body[here // 6] != body[there // 6])
     some = some[np.argsort(here[some])]
     return here[some], body[there[some] // 6]

@@ -52,6 +52,12 @@ class Hexahedra:
         """(ncells, 6), number of cells that share each local face (1: exterior)."""
         return np.bincount(self.faces.ravel())[self.faces]
 
+    @cached_property
+    def common_faces(self) -> Int64Array:
+        """(n, 2), 6 times the cell plus the local face of both sides of each inner face, the lower cell first."""
+        order = np.argsort(self.faces, axis=None, kind="stable")
+        return np.stack([order[:-1], order[1:]], axis=1)[np.diff(self.faces.flat[order]) == 0]
+
     def facet_nodes(self, facets: IntArray) -> Int64Array:
         """Nodes (n, (p+1)^2), first tangent fastest, of facets (n, 2) as (cell, local face)."""
         return self.cells[facets[:, :1], hexahedron.face_nodes(self.order)[facets[:, 1]]]

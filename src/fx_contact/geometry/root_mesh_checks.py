@@ -125,13 +125,11 @@ def _check_conforming(mesh: HexahedralMesh) -> None:
     if mesh.face_neighbours.max() > 2:
         cell, face = np.argwhere(mesh.face_neighbours > 2)[0]
         raise GeometryError(f"more than two cells share face {face} of root cell {cell}")
-    order = np.argsort(mesh.faces, axis=None, kind="stable")
-    one, other = order[:-1], order[1:]
-    common = mesh.faces.flat[one] == mesh.faces.flat[other]
     nodes = np.sort(mesh.cells[:, hexahedron.face_nodes(mesh.order)], axis=2).reshape(mesh.faces.size, -1)
-    differ = common & (nodes[one] != nodes[other]).any(axis=1)
+    one, other = nodes[mesh.common_faces.T]
+    differ = (one != other).any(axis=1)
     if differ.any():
-        first, second = one[differ][0] // 6, other[differ][0] // 6
+        first, second = mesh.common_faces[differ][0] // 6
         raise GeometryError(f"root cells {first} and {second} share the corners of a face but not its inner nodes")
     exterior = np.argwhere(mesh.face_neighbours == 1)
     for index, name in enumerate(mesh.bodies):
