@@ -162,10 +162,8 @@ class HexahedralMesh(Hexahedra):
 
     def outward_normals(self, facets: IntArray) -> FloatArray:
         """Mean outward unit normals (n, 3) [-] of facets (n, 2) as (root cell, local face)."""
-        normal = (
-            hexahedron.area_vectors(self.facet_points(facets, order=1))
-            * hexahedron.FACE_ORIENTATION[facets[:, 1]][:, None]
-        )
+        normal = hexahedron.area_vectors(self.facet_points(facets, order=1))
+        normal *= hexahedron.FACE_ORIENTATION[facets[:, 1]][:, None]
         return normal / np.linalg.norm(normal, axis=1)[:, None]
 
     def facet_areas(self, facets: IntArray) -> FloatArray:

@@ -162,9 +162,8 @@ def _match(
     direction = pair.unit_direction
     if direction is not None:
         points = [x - (x @ direction)[..., None] * direction for x in points]
-    size = np.sqrt(
-        np.linalg.norm(np.ptp(points[0], axis=1), axis=1) * np.linalg.norm(np.ptp(points[1], axis=1), axis=1).max()
-    )
+    diagonal, facing = (np.linalg.norm(np.ptp(x, axis=1), axis=1) for x in points)
+    size = np.sqrt(diagonal * facing.max())
     centres = [x.mean(axis=1) for x in points]
     match = cKDTree(centres[1]).query(centres[0])[1]
     back = cKDTree(centres[0]).query(centres[1])[1]
@@ -181,8 +180,7 @@ def _match(
     if unmatched.any():
         raise _NoMatch(
             f"{unmatched.sum()} of {len(first)} facets have no partner, the first near "
-            f"{mesh.middle(first[unmatched])}; nodes are up to "
-            f"{distance.max():.3g} apart"
+            f"{mesh.middle(first[unmatched])}; nodes are up to {distance.max():.3g} apart"
         )
     _check_one_to_one(mesh, first, second[match], symmetry)
     return match, symmetry
