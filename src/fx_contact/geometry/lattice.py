@@ -62,8 +62,7 @@ class Lattice:
     def _orient(self, part: int, dimension: int, corners: IntArray) -> None:
         """Canonical frame of an edge or face: from the lowest root vertex, the lower of its neighbours first."""
         origin = corners.argmin(axis=1)
-        for axis in range(dimension):
-            self._flip[:, part, axis] = origin >> axis & 1
+        self._flip[:, part, :dimension] = origin[:, None] >> np.arange(dimension) & 1
         if dimension == 2:
             rows = np.arange(len(corners))
             self._swap[:, part] = corners[rows, origin ^ 2] < corners[rows, origin ^ 1]
@@ -76,10 +75,7 @@ class Lattice:
             points: (n, m, 3), lattice coordinates in 0..SIDE within those cells.
         """
         cell = np.asarray(cell)[:, None]
-        part: Int64Array = np.zeros(points.shape[:2], dtype=np.int64)
-        for axis in range(3):
-            x = points[:, :, axis]
-            part += 3**axis * np.where(x == 0, _LOW, np.where(x == SIDE, _HIGH, _INSIDE))
+        part = np.where(points == 0, _LOW, np.where(points == SIDE, _HIGH, _INSIDE)) @ [1, 3, 9]
         padded = np.concatenate([points, np.zeros((*points.shape[:2], 1), points.dtype)], axis=2)
         local = np.take_along_axis(padded, self._axes[part], axis=2).astype(np.int64)
         local = np.where(self._flip[cell, part], SIDE - local, local)
