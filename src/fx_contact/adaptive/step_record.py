@@ -228,18 +228,16 @@ def _moved(r: StepRecord, motion: float | list[float] | None) -> str:
     return f", moved by ({shift}){_unit(r, 'length')}, turned by ({turn}) rad"
 
 
-def undirected(record: StepRecord) -> list[str]:
+def undirected(record: StepRecord) -> Iterator[str]:
     """Lines on the contact pairs whose sum of magnitudes is more than the length of their force vector."""
     pairs = [one for one in record.resultants or () if one.kind == "contact"]
-    lines = []
     for pair, force, alignment in zip(pairs, record.pair_forces, record.pair_alignments or ()):
         if alignment is not None and alignment < DIRECTED and force > _ROUNDING * max(record.pair_forces):
             vector = ", ".join(f"{0.0 if abs(value) < _ROUNDING * force else value:.5g}" for value in pair.force)
-            lines.append(
+            yield (
                 f"{pair.name!r} presses in many directions: its forces add up to ({vector}), {alignment:.1%} of the "
                 "sum of their magnitudes"
             )
-    return lines
 
 
 def _unit(r: StepRecord, quantity: str) -> str:
