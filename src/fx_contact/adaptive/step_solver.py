@@ -130,7 +130,9 @@ def solve_step(
         options = SolveOptions(settings.solver, settings.enforcement)
         solution, system = solve_system(discrete.problem, start.displacement, options, stages, objects)
         with stages("estimate"):
-            assessed = _assess(settings, start, discrete, solution, system, stages)
+            assessed = _assess(
+                settings, start, discrete, *_estimate(settings, start, discrete, solution, system, stages)
+            )
     state, of_contact = assessed.state, assessed.contact_error
     solve = record_of_solve(
         settings.scene.name, number, state.elasticity, solution, state.estimate, settings.tolerance, stages
@@ -241,12 +243,7 @@ def _rows(settings: Settings, start: StepStart) -> tuple[ConstraintRows | None, 
 
 
 def _assess(
-    settings: Settings,
-    start: StepStart,
-    discrete: _Discrete,
-    solution: ContactSolution,
-    system: ContactSystem | LinearSystem,
-    stages: Stages,
+    settings: Settings, start: StepStart, discrete: _Discrete, state: SolvedState, duals: Goals
 ) -> _Assessment:
     """Errors and figures of a solution, checked.  Collective.
 
@@ -255,11 +252,10 @@ def _assess(
         ValidityError: the solution is far outside of linear elasticity.
     """
     tolerance, control, theta = settings.tolerance, settings.control, start.effectivity
-    state, duals = _estimate(settings, start, discrete, solution, system, stages)
     _check_solver(state, tolerance)
     residual = _checked_residual(state, discrete)
     warnings = load_warnings(state.scene) if HISTORY not in start.fields else []  # a last increment may have none
-    figures = figures_of_contact(state.scene, state.rows, solution, start.forest.comm)
+    figures = figures_of_contact(state.scene, state.rows, state.solution, state.forest.comm)
     resultants = sum_up(state, residual, discrete.load_totals, np.array(figures.contact_centre))
     warnings += [*warnings_of_state(state, discrete.load_totals), *penetrations(state), *settings.scene_warnings]
     warnings += unbalanced_moments(state.scene, resultants)
