@@ -44,7 +44,7 @@ class NonmatchingSurfaces:
         onto_second: SurfaceProjection,
     ) -> None:
         self.mesh, self.contact, self._onto_first, self._onto_second = mesh, contact, onto_first, onto_second
-        self.first, self.second = onto_first.facets, onto_second.facets
+        self._both = self.first, self.second = onto_first.facets, onto_second.facets
         self.before: tuple[NonmatchingSurfaces, ...] = ()
 
     @classmethod
@@ -60,10 +60,6 @@ class NonmatchingSurfaces:
     def depth(self) -> float:
         """Largest diagonal of a root facet [m]: places of the second surface farther behind the first are not faced."""
         return max(float(np.linalg.norm(np.ptp(facets.corners, axis=1), axis=1).max()) for facets in self._both)
-
-    @property
-    def _both(self) -> tuple[RootFacets, RootFacets]:
-        return self.first, self.second
 
     def directions(self, normal: FloatArray) -> FloatArray:
         """Unit vectors (..., 3) along which points with unit normals (..., 3) face the second surface [-]."""
