@@ -1,7 +1,7 @@
 """Comparison of settings: between the ranks of a run, and with an earlier run."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from fx_contact.parallel.errors import FxContactError, SceneError
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import as_path
+from fx_contact.parallel.validation import as_folder, as_path
 
 
 def check_alike(comm: MPI.Intracomm, settings: Mapping[str, Any]) -> None:
@@ -24,18 +24,14 @@ def check_alike(comm: MPI.Intracomm, settings: Mapping[str, Any]) -> None:
 
 
 def shared_path(
-    comm: MPI.Intracomm,
-    what: str,
-    value: object,
-    error: type[FxContactError] = SceneError,
-    kind: Callable[[str, object, type[FxContactError]], Path] = as_path,
+    comm: MPI.Intracomm, what: str, value: object, error: type[FxContactError] = SceneError, folder: bool = False
 ) -> Path:
-    """The value, called `what` in errors, as a path, by `as_path` or `as_folder`; the same on all ranks.
+    """The value, called `what` in errors, as a path, of a folder if so required; the same on all ranks.
 
     Collective on comm.  Raises SceneError if ranks differ, and the error given if the value is no such path.
     """
     with together(comm):
-        path = kind(what, value, error)
+        path = (as_folder if folder else as_path)(what, value, error)
     check_alike(comm, {what: str(path)})
     return path
 

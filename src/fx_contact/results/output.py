@@ -14,7 +14,7 @@ from fx_contact.parallel.agreement import shared_path
 from fx_contact.parallel.errors import OutputError, writing
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.mpi import together
-from fx_contact.parallel.validation import as_folder, check_comm
+from fx_contact.parallel.validation import check_comm
 from fx_contact.results.contact_surface import contact_grid
 from fx_contact.results.vtu import write_grid
 
@@ -39,7 +39,7 @@ class RecordWriter:
     @collective("comm")
     def __init__(self, folder: str | Path, comm: MPI.Intracomm, finished: Sequence[StepRecord] = ()) -> None:
         check_comm(comm)
-        self.path = shared_path(comm, "the output folder", folder, OutputError, as_folder) / "steps.jsonl"
+        self.path = shared_path(comm, "the output folder", folder, OutputError, folder=True) / "steps.jsonl"
         self._comm = comm
         self._step: int | None = None  # last step written
         self._start = 0  # offset of its line
@@ -110,7 +110,7 @@ def write_fields(step: Step, folder: str | Path) -> None:
     SceneError for no step, SolveError as `Step.stress`, OutputError if a file cannot be written.
     """
     check_step(step)
-    place = shared_path(step.forest.comm, "the output folder", folder, OutputError, as_folder)
+    place = shared_path(step.forest.comm, "the output folder", folder, OutputError, folder=True)
     write_grid(step.forest.comm, place / "bodies", step.to_pyvista())
     if step.rows is not None:
         write_grid(step.forest.comm, place / "contact", contact_grid(step))
