@@ -118,7 +118,7 @@ class SurfaceProjection:
     def _on_rays(self, lines: _Lines) -> Projected:
         """Places on all facets, found by following the lines."""
         (points, direction, depth), count = lines, len(lines.points)
-        result, nearest = _none(count), np.full(count, np.inf)
+        result = _none(count)
         from_centre = points - self._centre
         along = np.einsum("ki,ki->k", from_centre, direction)
         beside = np.sqrt(np.maximum(np.einsum("ki,ki->k", from_centre, from_centre) - along**2, 0.0))
@@ -136,11 +136,11 @@ class SurfaceProjection:
             places = points[ray_points] + position[:, None] * direction[ray_points]
             free = np.full(len(rays), np.inf)
             for balls in self._balls:
-                distance = self._meet(balls, lines, ray_points, places, result, nearest)
+                distance = self._meet(balls, lines, ray_points, places, result)
                 stride = np.where(distance > 1.1 * balls.radius, distance - balls.radius, _STRIDE * balls.radius)
                 free = np.minimum(free, stride)
             at[rays] += free
-            rays = rays[at[rays] <= np.minimum(end[rays], nearest[point[rays]])]
+            rays = rays[at[rays] <= np.fmin(end[rays], np.abs(result.distance[point[rays]]))]
         return result
 
     def nearest(self, points: FloatArray) -> FloatArray:
@@ -148,13 +148,7 @@ class SurfaceProjection:
         return np.min([balls.tree.query(points)[0] for balls in self._balls], axis=0)
 
     def _meet(
-        self,
-        balls: _Balls,
-        lines: _Lines,
-        rays: Int64Array,
-        places: FloatArray,
-        result: Projected,
-        nearest: FloatArray,
+        self, balls: _Balls, lines: _Lines, rays: Int64Array, places: FloatArray, result: Projected
     ) -> FloatArray:
         """Enter what lines (k,) at some places (k, 3) meet in the balls around them; distances to samples (k,)."""
         known = min(_NEAREST, len(balls.facet))
@@ -168,9 +162,8 @@ class SurfaceProjection:
         row, facet, uv, t = self._met(lines, rays[row], facet[row, nth], balls.uv[sample[row, nth]])
         order = np.lexsort((np.abs(t), row))
         first = order[np.unique(row[order], return_index=True)[1]]
-        first = first[np.abs(t[first]) < nearest[row[first]]]
+        first = first[~(np.abs(t[first]) >= np.abs(result.distance[row[first]]))]  # nan where nothing was met so far
         row = row[first]
-        nearest[row] = np.abs(t[first])
         result.facet[row], result.uv[row], result.distance[row] = facet[first], uv[first], t[first]
         return np.asarray(distance[:, 0])
 
