@@ -1,5 +1,6 @@
 """Contact surfaces whose meshes do not match: their geometry, and the one that has the rows.  All is local."""
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Self
 
@@ -32,29 +33,27 @@ class NonmatchingSurfaces:
     Points of the first surface face the nearest place of the second along their normal, or along the direction of the
     contact; no place that is farther behind than the largest root facet.
 
+    Args:
+        onto: projections onto the first surface and onto the second.
+
     Attributes:
         before: surfaces of contacts and ties that act instead where they join the same facets.
     """
 
-    def __init__(
-        self,
-        mesh: RootMesh,
-        contact: ContactPair | Tie,
-        onto_first: SurfaceProjection,
-        onto_second: SurfaceProjection,
-    ) -> None:
-        self.mesh, self.contact, self._onto_first, self._onto_second = mesh, contact, onto_first, onto_second
-        self._both = self.first, self.second = onto_first.facets, onto_second.facets
+    def __init__(self, mesh: RootMesh, contact: ContactPair | Tie, onto: Sequence[SurfaceProjection]) -> None:
+        self.mesh, self.contact = mesh, contact
+        self._onto_first, self._onto_second = onto
+        self._both = self.first, self.second = self._onto_first.facets, self._onto_second.facets
         self.before: tuple[NonmatchingSurfaces, ...] = ()
 
     @classmethod
     def of(cls, mesh: RootMesh, contact: ContactPair | Tie) -> Self:
         """Surfaces of a contact, with their search trees."""
-        return cls(mesh, contact, *(SurfaceProjection(mesh, mesh.surface(name)) for name in contact.surfaces))
+        return cls(mesh, contact, [SurfaceProjection(mesh, mesh.surface(name)) for name in contact.surfaces])
 
     def reversed(self) -> "NonmatchingSurfaces":
         """Surfaces of the reversed contact, with the same search trees."""
-        return NonmatchingSurfaces(self.mesh, self.contact.reversed(), self._onto_second, self._onto_first)
+        return NonmatchingSurfaces(self.mesh, self.contact.reversed(), (self._onto_second, self._onto_first))
 
     @cached_property
     def depth(self) -> float:

@@ -39,7 +39,7 @@ def contacts_between(mesh: RootMesh, within: float) -> tuple[ContactPair, ...]:
         if apart or np.isin(bodies[one], bodies[two]).any():
             continue
         trees |= {name: SurfaceProjection(mesh, mesh.surface(name)) for name in {one, two} - trees.keys()}
-        pair = NonmatchingSurfaces(mesh, ContactPair(one, two), trees[one], trees[two])
+        pair = NonmatchingSurfaces(mesh, ContactPair(one, two), (trees[one], trees[two]))
         if not _turned_towards(pair, within):
             continue
         (near, faced), count = _near(pair, within), len(pair.first) + len(pair.second)
