@@ -275,8 +275,7 @@ class LoadPath:
             options = self._options | {"max_steps": 1, "beginning": state}
             return adapt(self._scene_of(value), self._tolerance, self._comm, **options).last_step()
 
-        points = [(record.value, record.record) for record in self.records]
-        return repeated_path(self._last, points, solved, parts, unloaded)
+        return repeated_path(self._last, self.records, solved, parts, unloaded)
 
     def _begun(self, scene: Scene, options: dict[str, Any]) -> Run:
         """A Run of a scene after its first step.  Collective."""

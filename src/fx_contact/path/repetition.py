@@ -1,6 +1,6 @@
 """A load path solved again on its last mesh: the effect of earlier meshes, and of the size of the load steps."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from fx_contact.adaptive.step import Step
 from fx_contact.adaptive.step_record import StepRecord
 from fx_contact.parallel.validation import percent
 from fx_contact.path.starts import COMPARED, at_rest, next_increment
+from fx_contact.path.sweep_record import SweepRecord
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +44,7 @@ class Repetition:
 
 
 def repeated_path(
-    last: State,
-    points: Sequence[tuple[float, StepRecord]],
-    solved: Callable[[float, State], Step],
-    parts: int,
-    unloaded: float | None,
+    last: State, points: list[SweepRecord], solved: Callable[[float, State], Step], parts: int, unloaded: float | None
 ) -> Repetition:
     """The points of a load path, solved again from rest on the mesh of the last one.
 
@@ -55,13 +52,14 @@ def repeated_path(
 
     Args:
         last: state after the last point.
-        points: values and records.
+        points: records of the points.
         solved: the step of a value on the mesh of a state.
         parts: of each load step.
         unloaded: value from which the first load step is divided; None: it is not.
     """
     records, state, before = list[StepRecord](), at_rest(last), unloaded
-    for value, _ in points:
+    values = [point.value for point in points]
+    for value in values:
         first = value if before is None else before
         for part in range(1, parts + 1) if first != value else [parts]:
             step = solved(value if part == parts else first + part * (value - first) / parts, state)
@@ -71,8 +69,8 @@ def repeated_path(
     prolongation, norm = step.elasticity.prolongation, step.elasticity.energy_norm
     displacement = prolongation.injected(step.fields.at_nodes(prolongation.space, COMPARED))
     change = norm(step.solution.displacement - displacement) / (norm(displacement) or 1.0)
-    values, old = map(list, zip(*points))
-    return Repetition(parts, unloaded, values, records, list(map(_change, records, old)), float(change))
+    forces = [_change(new, point.record) for new, point in zip(records, points)]
+    return Repetition(parts, unloaded, values, records, forces, float(change))
 
 
 def _change(new: StepRecord, old: StepRecord) -> float:
