@@ -36,7 +36,7 @@ class Graph:
         self, comm: MPI.Intracomm, size: int, rows: IntArray, columns: Int64Array, weights: Int64Array
     ) -> None:
         self.comm, self.size = comm, size
-        ends = _ends(comm, size)
+        ends = np.cumsum(comm.allgather(size))
         self.offset = int(ends[comm.rank]) - size
         proper = columns != rows + self.offset
         rows, columns, weights = rows[proper], columns[proper], weights[proper]
@@ -67,13 +67,6 @@ class Graph:
         return Graph(self.comm, count, group[self.rows], number[self.matrix.indices], self.matrix.data)
 
 
-def _ends(comm: MPI.Intracomm, count: int) -> Int64Array:
-    """Cumulative sums (ranks,) of a count per rank.  Collective on comm."""
-    counts = np.empty(comm.size, dtype=np.int64)
-    comm.Allgather(np.array([count]), counts)
-    return np.cumsum(counts)
-
-
 def create_leaf_graph(forest: Forest) -> Graph:
     """Graph with an edge for each facet between two leaves; a hanging interface counts with its fine facets.
 
@@ -81,7 +74,7 @@ def create_leaf_graph(forest: Forest) -> Graph:
     face lies in that of a coarser leaf if the centre of the latter is the right corner of the finer leaf.
     """
     comm, count = forest.comm, len(forest)
-    ends = _ends(comm, count)
+    ends = np.cumsum(comm.allgather(count))
     start = ends[comm.rank] - count
     number = start + np.arange(count)
     faces, each = forest.faces.cells.ravel(), np.repeat(number, 6)
