@@ -209,10 +209,8 @@ class Step(SolvedState):
     @cached_property
     def _surfaces(self) -> list[tuple[int, Int32Array]]:
         """Tag of each surface, and its local cells and local facets in turn."""
-        surfaces = self.scene.mesh.surfaces
-        return [
-            (tag, self.leaf_mesh.facets(self.forest, rows).ravel()) for tag, rows in enumerate(surfaces.values(), 1)
-        ]
+        surfaces, facets = self.scene.mesh.surfaces, self.leaf_mesh.facets
+        return [(tag, facets(self.forest, rows).ravel()) for tag, rows in enumerate(surfaces.values(), 1)]
 
     @cached_property
     @collective("self.forest.comm", "Step.ds")

@@ -63,16 +63,14 @@ def gathered_arrays(
     points = np.empty((len(used), 3))
     points[cells.ravel()] = x.reshape(-1, 3)
     rows = np.stack([np.searchsorted(number[order], cell), face], axis=1).astype(np.int32)
-    of_bodies = list(dict.fromkeys(bodies.values()))
+    of_bodies, body_tags = list(dict.fromkeys(bodies.values())), np.array(list(bodies))[of]
     return {
         "points": points,
         "cells": cells.reshape(nodes.shape),
         "bodies": tuple(of_bodies),
         "body": np.array([of_bodies.index(name) for name in bodies.values()], dtype=np.int32)[of],
         "surfaces": {name: np.unique(rows[np.isin(tag, own)], axis=0) for name, own in _tags_of(surfaces).items()},
-        "parts": {
-            name: np.flatnonzero(np.isin(np.array(list(bodies))[of], own)) for name, own in _tags_of(parts).items()
-        },
+        "parts": {name: np.flatnonzero(np.isin(body_tags, own)) for name, own in _tags_of(parts).items()},
     }
 
 

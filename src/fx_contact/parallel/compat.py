@@ -33,14 +33,12 @@ def index_map(comm: MPI.Intracomm, owned: int, ghosts: Int64Array, owners: Int32
 
 def geometry_nodes(mesh: Mesh) -> Int32Array:
     """Geometry nodes (ncells, nodes) of each local cell; after dolfinx 0.10 a list by cell type.  Local."""
-    geometry = mesh.geometry
-    return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+    return mesh.geometry.dofmaps[0] if hasattr(mesh.geometry, "dofmaps") else mesh.geometry.dofmap
 
 
 def coordinate_element(mesh: Mesh) -> Any:
     """CoordinateElement of a mesh of one cell type; after dolfinx 0.10 a list by cell type.  Local."""
-    geometry = mesh.geometry
-    return geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
+    return mesh.geometry.cmaps[0] if hasattr(mesh.geometry, "cmaps") else mesh.geometry.cmap
 
 
 def partition_graph(comm: MPI.Intracomm, parts: int, offsets: IntArray, neighbours: IntArray) -> Int32Array:
