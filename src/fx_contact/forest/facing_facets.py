@@ -7,12 +7,13 @@ import numpy as np
 from fx_contact.forest.leaves import Leaves
 from fx_contact.geometry.lattice import SIDE
 from fx_contact.geometry.leaf_facets import LeafFacets
-from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array
+from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 from fx_contact.parallel.box_search import Boxes, meeting_boxes
 from fx_contact.parallel.exchange import Exchange
 from fx_contact.parallel.mpi import Directory
 from fx_contact.surfaces.facet_pairing import leaf_code
 from fx_contact.surfaces.nonmatching import SAMPLES, NonmatchingSurfaces
+from fx_contact.surfaces.surface_projection import Projected
 
 #: Part of their extent by which the box around its samples is enlarged: 1/6 to the edges, and as much for curvature.
 _MARGIN = 1 / 3
@@ -40,13 +41,13 @@ class FacingFacets:
         self._leaves = leaves
         self.leaf, self.face = leaves.boundary_faces(surfaces.first.facets)
         first = self.first = leaves.facets(self.leaf, self.face)
-        samples = _Faced(surfaces, first)
+        places, around = _faced(surfaces, first)
         self._on_second = leaves.boundary_faces(surfaces.second.facets)
         mine, my_face = self._on_second
         rank = np.full(len(mine), leaves.comm.rank)
         names = np.column_stack([leaves.cell[mine], leaves.level[mine], my_face, leaves.anchor[mine], rank])
         boxes = _around(leaves.facets(mine, my_face).at(SAMPLES).position)
-        asked, name = meeting_boxes(leaves.comm, samples.boxes, boxes, names.astype(np.int64))
+        asked, name = meeting_boxes(leaves.comm, around, boxes, names.astype(np.int64))
         name, number = np.unique(name, axis=0, return_inverse=True)
         cell, self.level = name[:, 0].astype(np.int32), name[:, 1].astype(np.int8)
         self.anchor, self.rank = name[:, 3:6].astype(np.int32), name[:, 6]
@@ -54,7 +55,8 @@ class FacingFacets:
         pairs = np.stack([asked, number.ravel()], axis=1)
         sides = (np.stack([side.cell, side.face], axis=1)[column] for side, column in zip((first, second), pairs.T))
         self.pairs = pairs[~surfaces.joined_before(*sides)]
-        self.faced = samples.on(second, self.pairs)
+        one, two = self.pairs.T
+        self.faced = _on(second[two], surfaces.second.facets, places.facet[one], places.uv[one])
 
     @cached_property
     def _known(self) -> tuple[Int64Array, Directory]:
@@ -98,36 +100,32 @@ class FacingFacets:
         return np.isin(np.arange(len(marked)), self.leaf[own > _LARGER * least]) & ~marked
 
 
-class _Faced:
-    """Samples of first facets (n,) and the places on the second surface that they face."""
+def _faced(surfaces: NonmatchingSurfaces, first: LeafFacets) -> tuple[Projected, Boxes]:
+    """Places on the second surface that samples (n, 16) of first facets face, and boxes (n,) around these places."""
+    at = first.at(SAMPLES)
+    normal = surfaces.directions(at.normal)
+    found = surfaces.faced(at.position, normal)
+    none = ~found.found.any(axis=1)
+    # Samples that face nothing are moved as the nearest place of the others is; if all do, both ways.
+    least = np.where(none, 0.0, np.where(found.found, found.distance, np.inf).min(axis=1, initial=np.inf))
+    there = at.position + np.where(found.found, found.distance, least[:, None])[..., None] * normal
+    reach = np.zeros((len(first), 1, 1))
+    size = np.ptp(at.position[none], axis=1).max(axis=1)
+    reach[none, 0, 0] = surfaces.nearest(at.position[none].mean(axis=1)) + 2 * size
+    before, behind = _around(there - reach * normal), _around(there + reach * normal)
+    return found, Boxes(np.minimum(before.low, behind.low), np.maximum(before.high, behind.high))
 
-    def __init__(self, surfaces: NonmatchingSurfaces, first: LeafFacets) -> None:
-        self._surfaces = surfaces
-        at = first.at(SAMPLES)
-        normal = surfaces.directions(at.normal)
-        found = surfaces.faced(at.position.reshape(-1, 3), normal.reshape(-1, 3))
-        self._facet = found.facet.reshape(at.position.shape[:2])
-        self._uv = found.uv.reshape(*at.position.shape[:2], 2)
-        met, distance = self._facet >= 0, found.distance.reshape(at.position.shape[:2])
-        none = ~met.any(axis=1)
-        # Samples that face nothing are moved as the nearest place of the others is; if all do, both ways.
-        least = np.where(none, 0.0, np.where(met, distance, np.inf).min(axis=1, initial=np.inf))
-        there = at.position + np.where(met, distance, least[:, None])[..., None] * normal
-        reach = np.zeros((len(first), 1, 1))
-        size = np.ptp(at.position[none], axis=1).max(axis=1)
-        reach[none, 0, 0] = surfaces.nearest(at.position[none].mean(axis=1)) + 2 * size
-        before, behind = _around(there - reach * normal), _around(there + reach * normal)
-        self.boxes = Boxes(np.minimum(before.low, behind.low), np.maximum(before.high, behind.high))
 
-    def on(self, second: LeafFacets, pairs: Int64Array) -> BoolArray:
-        """Pairs (k,) of which a sample of the first faces the second."""
-        one, two = pairs.T
-        facets = self._surfaces.second.facets
-        at = facets[self._facet[one]]  # of no facet the last, which does not count
-        same = (self._facet[one] >= 0) & (at == np.stack([second.cell, second.face], axis=1)[two, None]).all(axis=2)
-        place = SIDE * self._uv[one] - second.low[two, None]
-        inside = ((place >= 0) & (place <= second.side[two, None, None])).all(axis=2)
-        return np.asarray((same & inside).any(axis=1))
+def _on(facets: LeafFacets, roots: IntArray, root: IntArray, uv: FloatArray) -> BoolArray:
+    """Leaf facets (k,) that have one of their places.
+
+    The places are numbers (k, m) of root facets (l, 2), -1: none, and coordinates (k, m, 2) on these.
+    """
+    at = roots[root]  # of no facet the last, which does not count
+    same = (root >= 0) & (at == np.stack([facets.cell, facets.face], axis=1)[:, None]).all(axis=2)
+    place = SIDE * uv - facets.low[:, None]
+    inside = ((place >= 0) & (place <= facets.side[:, None, None])).all(axis=2)
+    return np.asarray((same & inside).any(axis=1))
 
 
 def _around(points: FloatArray) -> Boxes:

@@ -66,7 +66,7 @@ class NonmatchingSurfaces:
         return normal if direction is None else np.broadcast_to(direction, normal.shape)
 
     def faced(self, position: FloatArray, direction: FloatArray) -> Projected:
-        """Places on the second surface that points (k, 3) of the first one face in directions (k, 3)."""
+        """Places on the second surface that points (..., 3) of the first one face in directions (..., 3)."""
         return self._onto_second(position, direction, self.depth)
 
     def nearest(self, position: FloatArray) -> FloatArray:
@@ -89,8 +89,7 @@ class NonmatchingSurfaces:
     def faced_samples(self) -> Int64Array:
         """(n, 16), facets of the second surface that samples of the first one's root facets face, -1: none."""
         at = self.first.at(np.arange(len(self.first)), SAMPLES)
-        found = self.faced(at.position.reshape(-1, 3), self.directions(at.normal).reshape(-1, 3))
-        return found.facet.reshape(-1, len(SAMPLES))
+        return self.faced(at.position, self.directions(at.normal)).facet
 
     @cached_property
     def uncovered(self) -> tuple[float, str]:
@@ -129,12 +128,12 @@ class NonmatchingSurfaces:
         """
         assert self._continuation is not None, "as of `goes_on`"
         at = facets.at(SAMPLES)
-        position, direction = at.position.reshape(-1, 3), self.directions(at.normal).reshape(-1, 3)
-        missed = ~self.faced(position, direction).found
-        beyond = self._continuation(position[missed], direction[missed], self.depth)
+        direction = self.directions(at.normal)
+        missed = ~self.faced(at.position, direction).found
+        beyond = self._continuation(at.position[missed], direction[missed], self.depth)
         cell, face = self._continuation.facets.facets[beyond.facet].T
         missed[missed] = beyond.found & ~joined[cell, face]
-        return np.asarray(missed.reshape(len(facets), len(SAMPLES)).mean(axis=1))
+        return np.asarray(missed.mean(axis=1))
 
     def mean_ratios(self, moduli: FloatArray) -> tuple[float, float] | None:
         """Sizes of root facets, and moduli of their materials, of the first surface over those that they face.

@@ -78,6 +78,6 @@ def _turned_towards(surfaces: NonmatchingSurfaces, within: float) -> bool:
 def _near(surfaces: NonmatchingSurfaces, within: float) -> tuple[FloatArray, IntArray]:
     """(n,), parts of facets of the first surface near the second one, within a distance, and facets (m,) of that."""
     at = surfaces.first.at(np.arange(len(surfaces.first)), SAMPLES)
-    found = surfaces.faced(at.position.reshape(-1, 3), at.normal.reshape(-1, 3))
-    near = (found.facet >= 0) & (np.abs(found.distance) <= within)
-    return near.reshape(len(surfaces.first), -1).mean(axis=1), np.unique(found.facet[near])
+    found = surfaces.faced(at.position, at.normal)
+    near = found.found & (np.abs(found.distance) <= within)
+    return near.mean(axis=1), np.unique(found.facet[near])

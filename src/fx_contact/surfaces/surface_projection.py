@@ -37,9 +37,9 @@ class Projected(NamedTuple):
     """Where lines from points x along n meet a surface.
 
     Attributes:
-        facet: (k,), position among the facets of the surface, -1 where none is met.
-        uv: (k, 2), coordinates on the facet, in [0, 1].
-        distance: (k,), t with x + t n on the surface [m]; nan where none is met.
+        facet: (...), position among the facets of the surface, -1 where none is met.
+        uv: (..., 2), coordinates on the facet, in [0, 1].
+        distance: (...), t with x + t n on the surface [m]; nan where none is met.
     """
 
     facet: Int64Array
@@ -48,7 +48,7 @@ class Projected(NamedTuple):
 
     @property
     def found(self) -> BoolArray:
-        """(k,), points whose line meets the surface."""
+        """(...), points whose line meets the surface."""
         return np.asarray(self.facet >= 0)
 
 
@@ -84,18 +84,19 @@ class SurfaceProjection:
         """Nearest place, ahead or behind, where the line through each point meets a facet that looks back along it.
 
         Args:
-            points: (k, 3) [m].
-            direction: (k, 3) or (3,), unit vectors, such as the outward normals of the other surface.
+            points: (..., 3) [m]; the result has their shape.
+            direction: (..., 3) or (3,), unit vectors, such as the outward normals of the other surface.
             depth: farthest place behind a point that counts [m].
         """
-        direction = np.broadcast_to(direction, points.shape)
+        shape = points.shape[:-1]
+        points, direction = points.reshape(-1, 3), np.broadcast_to(direction, points.shape).reshape(-1, 3)
         result = self._beside(_Lines(points, direction, depth))
         left = np.flatnonzero(~result.found)
         if len(left):
             found = self._on_rays(_Lines(points[left], direction[left], depth))
             for column, values in zip(result, found):
                 column[left] = values
-        return result
+        return Projected(result.facet.reshape(shape), result.uv.reshape(*shape, 2), result.distance.reshape(shape))
 
     def _beside(self, lines: _Lines) -> Projected:
         """Places on the facets of the nearest samples, not farther than their balls reach."""
