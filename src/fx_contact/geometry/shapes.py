@@ -22,15 +22,7 @@ from fx_contact.geometry.hexahedral_mesh import Hexahedra
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int32Array, Int64Array
 from fx_contact.parallel.errors import GeometryError, SceneError
-from fx_contact.parallel.validation import (
-    as_tuple,
-    check_degrees,
-    check_label,
-    check_name,
-    check_number,
-    check_vector,
-    shown,
-)
+from fx_contact.parallel.validation import as_tuple, check_degrees, check_label, check_name, check_vector, shown
 
 #: A function of positions (3, n) that gives new positions: three arrays (n,), or numbers.
 Placement: TypeAlias = Callable[[FloatArray], Sequence[npt.ArrayLike] | FloatArray]
@@ -111,7 +103,7 @@ class Shape(Hexahedra):
 
     def shifted(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Shape:
         """The shape moved by x, y, z, in the unit of the mesh.  Raises SceneError unless these are numbers."""
-        return replace(self, points=self.points + [check_number("the shift x, y or z", v) for v in (x, y, z)])
+        return replace(self, points=self.points + np.array(check_vector("the shift x, y or z", (x, y, z))))
 
     def turned(self, axis: Axis, degrees: float) -> Shape:
         """The shape turned about an axis, counter-clockwise from its tip.
