@@ -66,13 +66,12 @@ def _box(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _turned_towards(surfaces: NonmatchingSurfaces, within: float) -> bool:
     """True if normals of near samples are opposite, unlike those of sides of bodies that touch along an edge."""
-    (x, normal), (y, other) = (
-        (at.position.reshape(-1, 3), at.normal.reshape(-1, 3))
-        for at in (facets.at(np.arange(len(facets)), SAMPLES) for facets in (surfaces.first, surfaces.second))
-    )
-    distance, nearest = cKDTree(y).query(x, distance_upper_bound=within + surfaces.depth)
+    one, two = (facets.at(np.arange(len(facets)), SAMPLES) for facets in (surfaces.first, surfaces.second))
+    tree = cKDTree(two.position.reshape(-1, 3))
+    distance, nearest = tree.query(one.position, distance_upper_bound=within + surfaces.depth)
     near = np.isfinite(distance)
-    return bool((normal[near] * other[nearest[near]]).sum(axis=1).min(initial=0.0) < _OPPOSITE)
+    facing = two.normal.reshape(-1, 3)[nearest[near]]
+    return bool((one.normal[near] * facing).sum(axis=1).min(initial=0.0) < _OPPOSITE)
 
 
 def _near(surfaces: NonmatchingSurfaces, within: float) -> tuple[FloatArray, IntArray]:
