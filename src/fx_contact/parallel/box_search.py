@@ -73,8 +73,11 @@ class _Rows:
         exponent = np.floor(np.log2(largest / np.maximum(boxes.sizes, smallest)))
         self.exponent = np.clip(exponent, 0, _SIZES - 1).astype(np.int64)
 
-    def bins(self, row: IntArray, exponent: IntArray) -> tuple[Int64Array, Int64Array]:
-        """Positions (k,) of rows (n,), and the bins (k, 4) of given edges that these touch: exponent and place."""
+    def in_bins(self, comm: MPI.Intracomm, row: IntArray, exponent: IntArray) -> "tuple[Int64Array, _Rows]":
+        """The bins (k, 4), exponent and place, that rows (n,) touch, of given edges, and these rows.
+
+        At the homes of the bins.  Collective on comm.
+        """
         edge = self.largest * 2.0 ** -exponent[:, None]
         low, high = (np.floor(corner[row] / edge).astype(np.int64) for corner in (self.boxes.low, self.boxes.high))
         count = high - low + 1
@@ -84,13 +87,9 @@ class _Rows:
         for axis in range(3):
             place[:, axis + 1] = low[which, axis] + number % count[which, axis]
             number //= count[which, axis]
-        return np.asarray(row[which], dtype=np.int64), place
-
-    def sent(self, comm: MPI.Intracomm, row: Int64Array, place: Int64Array) -> "tuple[Int64Array, _Rows]":
-        """Rows (n,) at the homes of bins (n, 4): these bins, and the rows.  Collective."""
-        exchange = Exchange(comm, hashed(_key(place), comm.size))
-        low, high = (exchange.forward(corner[row]) for corner in (self.boxes.low, self.boxes.high))
-        return exchange.forward(place), _Rows(Boxes(low, high), exchange.forward(self.names[row]), self.largest)
+        exchange, sent = Exchange(comm, hashed(_key(place), comm.size)), row[which]
+        boxes = Boxes(exchange.forward(self.boxes.low[sent]), exchange.forward(self.boxes.high[sent]))
+        return exchange.forward(place), _Rows(boxes, exchange.forward(self.names[sent]), self.largest)
 
 
 def _meetings(comm: MPI.Intracomm, hosts: _Rows, guests: _Rows, same: bool) -> tuple[Int64Array, Int64Array]:
@@ -99,8 +98,8 @@ def _meetings(comm: MPI.Intracomm, hosts: _Rows, guests: _Rows, same: bool) -> t
     comm.Allreduce(MPI.IN_PLACE, used, op=MPI.LOR)
     exponents = np.flatnonzero(used)
     row, column = np.nonzero(exponents <= guests.exponent[:, None] - (not same))
-    here, host = hosts.sent(comm, *hosts.bins(np.arange(len(hosts.boxes)), hosts.exponent))
-    place, guest = guests.sent(comm, *guests.bins(row, exponents[column]))
+    here, host = hosts.in_bins(comm, np.arange(len(hosts.boxes)), hosts.exponent)
+    place, guest = guests.in_bins(comm, row, exponents[column])
     key = _key(here)
     order, asked = np.argsort(key, kind="stable"), _key(place)
     key = key[order]
