@@ -4,7 +4,6 @@ A facet is (root cell, local face); its coordinates (u, v) in [0, 1]^2 run along
 All is local: the root mesh is on every rank.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -80,7 +79,9 @@ class RootFacets:
         """Points (k, m) of facets (k,) at coordinates (k, m, 2), or (m, 2) on all."""
         uv = np.broadcast_to(uv, (len(facet), *uv.shape[-2:]))
         values = np.empty((*uv.shape[:2], 9))
-        for part in self._chunks(len(facet)):
+        size = _CHUNK // (9 * (self.order + 1) ** 2)
+        for start in range(0, len(facet), size):
+            part = slice(start, start + size)
             values[part] = face_functions(self.order, uv[part]) @ self._nodal[facet[part]]
         position, first, second = values[..., :3], values[..., 3:6], values[..., 6:]
         outward = np.cross(first, second) * self.orientation[facet][:, None, None]
@@ -114,10 +115,6 @@ class RootFacets:
             if not len(left):
                 break
         return uv, (np.abs(step) <= _STEP).all(axis=2)
-
-    def _chunks(self, count: int) -> Iterator[slice]:
-        size = max(_CHUNK // self._nodal[0].size, 1) if len(self) else 1
-        return (slice(start, start + size) for start in range(0, count, size))
 
 
 def face_functions(order: int, uv: FloatArray) -> FloatArray:
