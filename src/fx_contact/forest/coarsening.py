@@ -25,10 +25,9 @@ def coarsened(forest: Forest, level: IntArray, kind: str = "contact-sfc") -> For
         side = leaf_side(np.array([depth]))
         finer = level > depth
         needed = np.unique(leaf_code(forest.cell[finer], forest.anchor[finer] // side * side))
-        ours = np.flatnonzero(result.level == depth)
-        marked = np.zeros(len(result), dtype=bool)
-        codes = leaf_code(result.cell[ours], result.anchor[ours])
-        marked[ours] = Directory(comm, codes, result.homes.of_leaves).asked(needed)
+        marked = result.level == depth
+        codes = leaf_code(result.cell[marked], result.anchor[marked])
+        marked[marked] = Directory(comm, codes, result.homes.of_leaves).asked(needed)
         result, _ = result.refined(marked)
         try:
             result, _ = repartition(result, None, kind)
