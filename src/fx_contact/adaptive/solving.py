@@ -2,14 +2,11 @@
 
 from collections.abc import Callable
 from inspect import signature
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 from fx_contact.adaptive.adaptive_loop import adapt
 from fx_contact.adaptive.step import Step
-from fx_contact.parallel.meeting import collective
-
-P = ParamSpec("P")
-R = TypeVar("R")
+from fx_contact.parallel.meeting import P, R, collective
 
 
 def arguments_of(other: Callable[P, Any]) -> Callable[[Callable[..., R]], Callable[P, R]]:
