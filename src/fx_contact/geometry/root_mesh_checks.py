@@ -99,13 +99,12 @@ def _check_jacobian(mesh: HexahedralMesh) -> None:
     """The determinant of the cell map must be positive on a lattice finer than the nodes."""
     x = np.linspace(0, 1, 2 * mesh.order + 1)
     value, slope = hexahedron.lagrange(mesh.order, x), hexahedron.lagrange_derivative(mesh.order, x)
+    gradient = [slope, value, value], [value, slope, value], [value, value, slope]
     smallest = np.empty(len(mesh.cells))
     step = 1 + 50_000 // len(x) ** 3  # cells at once, so that they fit into the processor's cache
     for start in range(0, len(mesh.cells), step):
         nodal = mesh.points[mesh.cells[start : start + step]]
-        columns = [
-            hexahedron.tensor_evaluate([slope if a == axis else value for a in range(3)], nodal) for axis in range(3)
-        ]
+        columns = [hexahedron.tensor_evaluate(functions, nodal) for functions in gradient]
         determinant = np.linalg.det(np.stack(columns, axis=-1))
         smallest[start : start + step] = determinant.min(axis=1) / np.maximum(np.abs(determinant).max(axis=1), 1e-300)
     if smallest.min() <= 1e-8:  # square root of the rounding unit; a degenerate corner is exactly 0 without rounding
