@@ -141,7 +141,7 @@ def _geometry_nodes(forest: Forest, order: int) -> tuple[Int64Array, FloatArray]
     if order > 1:
         ends, edges, faces = vertex[forest.vertices.cells], forest.edges, forest.faces
         place = _edge_places(ends[:, hexahedron.EDGE_CORNERS], inner)
-        kinds.append((*edges.directory.number(), edges.cells, hexahedron.edge_inner_nodes(order), place))
+        kinds.append((*edges.directory.number(), edges.cells, hexahedron.edge_nodes(order)[:, 1:-1], place))
         place = _face_places(ends[:, hexahedron.FACE_CORNERS], inner)
         kinds.append((*faces.directory.number(), faces.cells, hexahedron.face_inner_nodes(order), place))
         cell = np.arange(len(forest), dtype=np.int64)

@@ -74,11 +74,6 @@ def edge_nodes(order: int) -> Int64Array:
     return corner_nodes(order)[EDGE_CORNERS[:, :1]] + np.arange(n) * np.array([1, n, n * n])[EDGE_AXIS][:, None]
 
 
-def edge_inner_nodes(order: int) -> Int64Array:
-    """Tensor indices of the nodes inside the 12 edges, from the low end: (12, p-1)."""
-    return edge_nodes(order)[:, 1:-1]
-
-
 def face_inner_nodes(order: int) -> Int64Array:
     """Tensor indices of the nodes inside the six faces, first tangent fastest: (6, (p-1)^2)."""
     return face_nodes(order).reshape(6, order + 1, order + 1)[:, 1:-1, 1:-1].reshape(6, -1)
