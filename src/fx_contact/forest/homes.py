@@ -4,8 +4,6 @@ The home of a lattice point is the rank whose piece of the space-filling curve c
 partition, which all ranks know.  So a rank communicates with its neighbours only.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -16,46 +14,6 @@ from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.parallel.arrays import Int32Array, Int64Array, IntArray
 from fx_contact.parallel.mpi import hashed
 from fx_contact.surfaces.facet_pairing import Pairing, decode_leaf
-
-
-class Homes:
-    """Homes of the lattice points and leaves of a forest: parts, the ranks of a run.
-
-    Local.  By the cuts (parts - 1,) of the curve; None: by a hash.
-    """
-
-    def __init__(
-        self, mesh: RootMesh, lattice: Lattice, pairing: Pairing, cuts: Int64Array | None, parts: int
-    ) -> None:
-        self._cuts, self._parts = cuts, parts
-        if cuts is not None:
-            self._places, self._curve = _root_places(mesh, lattice, pairing)
-
-    def of_points(self, keys: Int64Array) -> Int32Array:
-        """Homes (n,) of lattice points with keys (n,); the same for two points that face only each other.  Local."""
-        if self._cuts is None:
-            return hashed(keys, self._parts)
-        return self._on_curve(self._cuts, *self._places.of(keys))
-
-    def of_leaves(self, codes: Int64Array) -> Int32Array:
-        """Homes (n,) of leaves with codes (n,) (`facet_pairing.leaf_code`).  Local."""
-        if self._cuts is None:
-            return hashed(codes, self._parts)
-        cell, anchor = decode_leaf(codes)
-        return self._on_curve(self._cuts, cell, anchor + 1)
-
-    def _on_curve(self, cuts: Int64Array, cell: IntArray, points: Int32Array) -> Int32Array:
-        """Parts (n,) that contain the finest leaf whose high corner is the point (n, 3).
-
-        Of the eight leaves at a point this one gives the fewest partners, up to 41 at 8192 parts (studies/partition).
-        """
-        keys = self._curve.keys(cell, np.maximum(points - 1, 0))
-        return np.searchsorted(cuts, keys, side="right").astype(np.int32)
-
-
-@lru_cache(maxsize=1)  # the forests of a run have one root mesh
-def _root_places(mesh: RootMesh, lattice: Lattice, pairing: Pairing) -> tuple[Places, RootCurve]:
-    return Places(lattice, pairing), RootCurve(mesh)
 
 
 class Places:
@@ -89,3 +47,42 @@ class Places:
         """Cells (n,), coordinates (n, 3), and the paired facets (n,) there on which the points lie, -1 if none."""
         entity, points = self._lattice.located(keys, self._entities)
         return self._entities[1][entity], points, self._face[entity]
+
+
+#: The forests of a run have one root mesh.
+_places, _curve = lru_cache(maxsize=1)(Places), lru_cache(maxsize=1)(RootCurve)
+
+
+class Homes:
+    """Homes of the lattice points and leaves of a forest: parts, the ranks of a run.
+
+    Local.  By the cuts (parts - 1,) of the curve; None: by a hash.
+    """
+
+    def __init__(
+        self, mesh: RootMesh, lattice: Lattice, pairing: Pairing, cuts: Int64Array | None, parts: int
+    ) -> None:
+        self._cuts, self._parts = cuts, parts
+        if cuts is not None:
+            self._places, self._curve = _places(lattice, pairing), _curve(mesh)
+
+    def of_points(self, keys: Int64Array) -> Int32Array:
+        """Homes (n,) of lattice points with keys (n,); the same for two points that face only each other.  Local."""
+        if self._cuts is None:
+            return hashed(keys, self._parts)
+        return self._on_curve(self._cuts, *self._places.of(keys))
+
+    def of_leaves(self, codes: Int64Array) -> Int32Array:
+        """Homes (n,) of leaves with codes (n,) (`facet_pairing.leaf_code`).  Local."""
+        if self._cuts is None:
+            return hashed(codes, self._parts)
+        cell, anchor = decode_leaf(codes)
+        return self._on_curve(self._cuts, cell, anchor + 1)
+
+    def _on_curve(self, cuts: Int64Array, cell: IntArray, points: Int32Array) -> Int32Array:
+        """Parts (n,) that contain the finest leaf whose high corner is the point (n, 3).
+
+        Of the eight leaves at a point this one gives the fewest partners, up to 41 at 8192 parts (studies/partition).
+        """
+        keys = self._curve.keys(cell, np.maximum(points - 1, 0))
+        return np.searchsorted(cuts, keys, side="right").astype(np.int32)
