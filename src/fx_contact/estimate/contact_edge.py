@@ -14,7 +14,6 @@ import numpy as np
 
 from fx_contact.contact.constraint_rows import ConstraintRows
 from fx_contact.estimate.solved_state import SolvedState
-from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 
 #: As above [-].
@@ -80,6 +79,5 @@ class ContactEdge:
         pressure, closed, left = np.maximum(nodal, 0.0).sum(axis=2).transpose(2, 0, 1)  # hanging nodes extrapolate
         facet, part = at = np.nonzero((closed > 0) & (left > 0))
         leaf, face = leaf[facet], face[facet]
-        facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
-        area = np.linalg.norm(facets.mean_outward, axis=1) / space.degree**2
+        area = np.linalg.norm(forest.facets(leaf, face).mean_outward, axis=1) / space.degree**2
         return leaf, corners[facet, part], _SHARE * area * pressure[at] / closed[at] / left[at]

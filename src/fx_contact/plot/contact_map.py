@@ -7,7 +7,6 @@ import numpy as np
 
 from fx_contact.adaptive.step import Step, check_step
 from fx_contact.geometry import hexahedron
-from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.items.units import labelled
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array
 from fx_contact.parallel.errors import SceneError
@@ -99,7 +98,7 @@ def _first_surfaces(step: Step) -> tuple[Int64Array, Int64Array, FloatArray, Boo
     uv = np.stack(np.meshgrid(middles, middles), axis=-1).reshape(-1, 2)
     for kind in step.rows.kinds:
         leaf, face = kind.facets(forest)
-        facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+        facets = forest.facets(leaf, face)
         columns.append((leaf, face, facets.mean_outward, kind.covered(facets, uv)))
     leaf, face, outward, covered = map(np.concatenate, zip(*columns))
     return leaf, face, outward, covered

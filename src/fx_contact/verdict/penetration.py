@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.geometry import hexahedron
-from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.items.contact import ContactPair
 from fx_contact.items.obstacles import RigidSurface
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
@@ -104,8 +103,7 @@ def _samples(state: SolvedState, nodal: FloatArray, depth: float, of: BoolArray)
     leaf, face = forest.boundary_faces(np.argwhere(of & (mesh.face_neighbours == 1)))
     cell, count = forest.cell[leaf], len(_SAMPLES) ** 2
     uv = np.stack(np.meshgrid(_SAMPLES, _SAMPLES), axis=-1).reshape(count, 2)
-    facets = LeafFacets.of_leaves(mesh, cell, forest.level[leaf], forest.anchor[leaf], face)
-    at = facets.at(np.broadcast_to(uv, (len(leaf), count, 2)))
+    at = forest.facets(leaf, face).at(uv)
     before = at.position - np.minimum(depth, _OF_FACET * np.sqrt(at.jacobian))[:, :, None] * at.normal
     values = hexahedron.lagrange(space.degree, _SAMPLES)
     moved = np.einsum("gk,nkd->ngd", np.kron(values, values), nodal[space.on_faces(leaf, face)])

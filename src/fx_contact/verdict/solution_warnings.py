@@ -21,7 +21,6 @@ from fx_contact.fem.external_forces import finer_totals
 from fx_contact.forest.forest import Forest
 from fx_contact.geometry import hexahedron
 from fx_contact.geometry.lattice import SIDE
-from fx_contact.geometry.leaf_facets import LeafFacets
 from fx_contact.items.boundary_conditions import BodyForce
 from fx_contact.law.tangents import tangential_vectors
 from fx_contact.parallel.arrays import FloatArray
@@ -243,7 +242,7 @@ def _cut_off(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
         pressure = rows.at_nodes(kind.index, state.solution.pressure[:, None])
         mean = pressure[rows.prolongation.space.on_faces(leaf, face), 0].mean(axis=1)
         leaf, face, mean = leaf[mean > 0], face[mean > 0], mean[mean > 0]
-        facets = LeafFacets.of_leaves(forest.mesh, forest.cell[leaf], forest.level[leaf], forest.anchor[leaf], face)
+        facets = forest.facets(leaf, face)
         load = mean * np.linalg.norm(facets.mean_outward, axis=1)
         missed = load * surfaces.cut_off(facets, state.scene.contact_surfaces.every)
         total, value = forest.comm.allreduce(np.array([load.sum(), missed.sum()]))
