@@ -3,6 +3,7 @@
 Bodies are drawn without the clearance of their contact: only what is deeper counts.
 """
 
+from collections.abc import Iterator
 from itertools import combinations
 from typing import NamedTuple
 
@@ -74,7 +75,7 @@ def penetrations(state: SolvedState) -> list[ModelWarning]:
         if len(samples.facet):
             x, y, z = samples.now[np.lexsort(samples.now.T[::-1])[0]].tolist()
             found[names] = len(np.unique(samples.facet)), (x, y, z)
-    return _warnings(comm.allgather(found))
+    return list(_warnings(comm.allgather(found)))
 
 
 def _near(scene: Scene, largest: float) -> BoolArray:
@@ -236,9 +237,8 @@ def _in_obstacles(state: SolvedState, nodal: FloatArray, depth: float) -> list[t
     return result
 
 
-def _warnings(found: list[dict[str, tuple[int, Point]]]) -> list[ModelWarning]:
+def _warnings(found: list[dict[str, tuple[int, Point]]]) -> Iterator[ModelWarning]:
     """One warning for each names, from the counts and places of each rank."""
-    warnings = []
     for names in sorted({names for one in found for names in one}):
         here = [one[names] for one in found if names in one]
         count, place = sum(number for number, _ in here), min(place for _, place in here)
@@ -247,5 +247,4 @@ def _warnings(found: list[dict[str, tuple[int, Point]]]) -> list[ModelWarning]:
             f"{names} penetrate each other at {count} leaf facets outside of the contact and tied surfaces, near "
             f"({where}): no contact acts there; define a pair, or let its surfaces be larger"
         )
-        warnings.append(ModelWarning("penetration", float(count), 0.0, place, message))
-    return warnings
+        yield ModelWarning("penetration", float(count), 0.0, place, message)

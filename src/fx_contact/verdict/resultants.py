@@ -9,7 +9,7 @@ moments if the order q of the leaves' geometry is at most the degree p.  For q >
 displacements; on the coarsest Hertz mesh (q = 2, p = 1) the error is 3e-3 of the force times the radius.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,10 +85,10 @@ def sum_up(state: SolvedState, residual: FloatArray, totals: FloatArray, centre:
     return tuple(_resultant(name, kind, row, centre, scene) for (name, kind), row in zip(names, values))
 
 
-def unbalanced_moments(scene: Scene, resultants: Sequence[Resultant]) -> list[ModelWarning]:
+def unbalanced_moments(scene: Scene, resultants: Sequence[Resultant]) -> Iterator[ModelWarning]:
     """Moments on bodies that are free to turn, which cells of a higher order than the displacements balance.  Local."""
     contact = max((float(np.linalg.norm(one.force)) for one in resultants if one.kind == "contact"), default=0.0)
-    warnings, balances = list[ModelWarning](), [one for one in resultants if one.kind == "balance"]
+    balances = [one for one in resultants if one.kind == "balance"]
     for one, turning, size in zip(balances, scene.rigid_motions.turning, scene.rigid_motions.sizes):
         lever = float(np.linalg.norm(turning @ np.array(one.moment)) / (contact * size)) if contact else 0.0
         if lever > UNBALANCED:
@@ -97,8 +97,7 @@ def unbalanced_moments(scene: Scene, resultants: Sequence[Resultant]) -> list[Mo
                 f"{percent(lever)} of its size, limit {percent(UNBALANCED)}: it touches between nodes, or would roll "
                 "or tip; take a smaller tolerance, or degree 2"
             )
-            warnings.append(ModelWarning("unbalanced moment", lever, UNBALANCED, one.name, message))
-    return warnings
+            yield ModelWarning("unbalanced moment", lever, UNBALANCED, one.name, message)
 
 
 def _resultant(name: str, kind: str, row: FloatArray, centre: FloatArray, scene: Scene) -> Resultant:

@@ -1,5 +1,7 @@
 """Model warnings of a scene itself, whatever its solution: loads that do not act, bodies left free on a plane."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from fx_contact.geometry.hexahedral_mesh import PLANE
@@ -17,14 +19,8 @@ UNLIKE = 1e5
 
 def warnings_of(scene: Scene) -> list[ModelWarning]:
     """Violated assumptions of a scene.  Local."""
-    return [
-        *_held_loads(scene),
-        *_zero_loads(scene),
-        *_loads_on_contact(scene),
-        *_large_rotations(scene),
-        *_free_on_planes(scene),
-        *_unlike_moduli(scene),
-    ]
+    of_loads = *_held_loads(scene), *_zero_loads(scene), *_loads_on_contact(scene)
+    return [*of_loads, *_large_rotations(scene), *_free_on_planes(scene), *_unlike_moduli(scene)]
 
 
 def _unlike_moduli(scene: Scene) -> list[ModelWarning]:
@@ -41,9 +37,8 @@ def _unlike_moduli(scene: Scene) -> list[ModelWarning]:
     return [ModelWarning("unlike moduli", ratio, UNLIKE, hard, message)]
 
 
-def _large_rotations(scene: Scene) -> list[ModelWarning]:
+def _large_rotations(scene: Scene) -> Iterator[ModelWarning]:
     """Prescribed rotations that are not small."""
-    warnings = []
     for condition in scene.dirichlet:
         angle = float(np.linalg.norm(condition.rotation)) if isinstance(condition, RigidMotion) else 0.0
         if angle > LARGE:
@@ -52,8 +47,7 @@ def _large_rotations(scene: Scene) -> list[ModelWarning]:
                 f"elasticity, which lengthens lines across its axis by {percent(angle**2 / 2)}; limit "
                 f"{np.degrees(LARGE):.2g} degrees"
             )
-            warnings.append(ModelWarning("large rotation", angle, LARGE, condition.where, message))
-    return warnings
+            yield ModelWarning("large rotation", angle, LARGE, condition.where, message)
 
 
 def _held_loads(scene: Scene) -> list[ModelWarning]:
@@ -77,9 +71,9 @@ def _zero_loads(scene: Scene) -> list[ModelWarning]:
     ]
 
 
-def _loads_on_contact(scene: Scene) -> list[ModelWarning]:
+def _loads_on_contact(scene: Scene) -> Iterator[ModelWarning]:
     """Surface forces and elastic supports of which a part acts on contact or tied surfaces."""
-    mesh, warnings, every = scene.mesh, list[ModelWarning](), scene.contact_surfaces.every
+    mesh, every = scene.mesh, scene.contact_surfaces.every
     loads = [load for load in (*scene.tractions, *scene.springs) if every[tuple(mesh.surface(load.surface).T)].any()]
     joined = _joined(scene) if loads else every
     for load in loads:
@@ -91,8 +85,7 @@ def _loads_on_contact(scene: Scene) -> list[ModelWarning]:
                 f"{load.what} acts by {share:.0%} of its area on contact or tied surfaces, also where they are closed; "
                 f"limit {MISSED:.0%}: name another surface"
             )
-            warnings.append(ModelWarning("load on contact", share, MISSED, load.surface, message))
-    return warnings
+            yield ModelWarning("load on contact", share, MISSED, load.surface, message)
 
 
 def _joined(scene: Scene) -> FloatArray:
@@ -119,15 +112,15 @@ def _free_on_planes(scene: Scene) -> list[ModelWarning]:
     warnings, held = list[ModelWarning](), list[FloatArray]()
     for name, normal in scene.symmetry_planes:
         at = float((scene.mesh.facet_points(scene.mesh.surface(name), order=1) @ normal).mean())
-        free = _free_on(scene, normal, at)
+        free = [*_free_on(scene, normal, at)]
         warnings += free
         held += [normal] if not free else []
     return [] if len(mirror_group(np.array(held).reshape(-1, 3), scene.symmetry)) >= scene.symmetry else warnings
 
 
-def _free_on(scene: Scene, normal: FloatArray, at: float) -> list[ModelWarning]:
+def _free_on(scene: Scene, normal: FloatArray, at: float) -> Iterator[ModelWarning]:
     """Bodies with facets on a plane with a normal (3,) at a place along it [m], none of which is held there."""
-    mesh, warnings = scene.mesh, list[ModelWarning]()
+    mesh = scene.mesh
     outside = np.argwhere(mesh.face_neighbours == 1)
     heights = mesh.facet_points(outside, order=1) @ normal - at
     there = outside[(np.abs(heights) <= PLANE * np.ptp(mesh.points, axis=0).max()).all(axis=1)]
@@ -142,5 +135,4 @@ def _free_on(scene: Scene, normal: FloatArray, at: float) -> list[ModelWarning]:
             f"body {name!r} has {count} root facets on the symmetry plane with the normal {normal.round(6)}, and "
             "no SymmetryPlane there: its mirror image may pass through it; name these facets"
         )
-        warnings.append(ModelWarning("free on a plane", float(count), 0.0, name, message))
-    return warnings
+        yield ModelWarning("free on a plane", float(count), 0.0, name, message)

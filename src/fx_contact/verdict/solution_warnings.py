@@ -10,6 +10,8 @@ radius of the contact, or of parallel surfaces.  A body that slides in another o
 large rotation is found first.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from mpi4py import MPI
 
@@ -84,22 +86,18 @@ def warnings_of_state(state: SolvedState, load_totals: FloatArray) -> list[Model
         state: with the energies of the cells in `estimate`.
         load_totals: (k, nbodies, 6), resultants of the k loads on each body, as from `load_and_totals`.
     """
-    warnings = _large_deformations(state)
-    rows = state.rows
+    warnings, rows = [*_large_deformations(state)], state.rows
     if rows is not None:
-        closed = state.forest.comm.allreduce(bool(state.solution.active.any()), op=MPI.LOR)
-        warnings += _sliding(state, rows) + _initial_overlaps(state, rows) if closed else [_no_contact(state, rows)]
-        warnings += _giving_way(state) if closed else []
-        warnings += [
-            *_large_load_steps(state, rows),
-            *_cut_off(state, rows),
-            *_oblique(state, rows),
-            *kink_warnings(state, rows),
-        ]
-    return warnings + _uncovered_ties(state.scene) + _unresolved_loads(state, load_totals)
+        if state.forest.comm.allreduce(bool(state.solution.active.any()), op=MPI.LOR):
+            warnings += [*_sliding(state, rows), *_initial_overlaps(state, rows), *_giving_way(state)]
+        else:
+            warnings.append(_no_contact(state, rows))
+        warnings += [*_large_load_steps(state, rows), *_cut_off(state, rows), *_oblique(state, rows)]
+        warnings += kink_warnings(state, rows)
+    return [*warnings, *_uncovered_ties(state.scene), *_unresolved_loads(state, load_totals)]
 
 
-def _large_deformations(state: SolvedState) -> list[ModelWarning]:
+def _large_deformations(state: SolvedState) -> Iterator[ModelWarning]:
     """The largest mean strain and rotation of a body or part, if they exceed `LARGE`."""
     forest, names = state.forest, state.forest.mesh.regions
     region = forest.mesh.region[forest.cell[state.elasticity.leaf_mesh.leaf]]
@@ -111,7 +109,6 @@ def _large_deformations(state: SolvedState) -> list[ModelWarning]:
     forest.comm.Allreduce(MPI.IN_PLACE, sums)
     strains = np.divide(sums[1], sums[0], out=np.zeros(len(names)), where=sums[0] > 0)
     rotations = sums[3] / sums[2]
-    warnings = []
     for kind, values in (("large strain", strains), ("large rotation", rotations)):
         value = float(values.max())
         if value > LARGE:
@@ -126,11 +123,10 @@ def _large_deformations(state: SolvedState) -> list[ModelWarning]:
                 f"{of} {name!r} {did}: linear elasticity is for small ones, and omits about {value / 2:.2g} of it; "
                 f"limit {limit}"
             )
-            warnings.append(ModelWarning(kind, value, LARGE, name, message))
-    return warnings
+            yield ModelWarning(kind, value, LARGE, name, message)
 
 
-def _sliding(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+def _sliding(state: SolvedState, rows: ConstraintRows) -> Iterator[ModelWarning]:
     """Contacts whose closed rows have slid."""
     force, contacts = state.solution.force, state.scene.contact
     count, comm = len(contacts), rows.prolongation.comm
@@ -148,7 +144,6 @@ def _sliding(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
     gap = np.divide(gap, closed, out=np.zeros(count), where=closed > 0)
     (varies,) = sums(area * (rows.gap - gap[rows.contact]) ** 2)
     _, approach = rows.force_and_approach(force, rows.contact, count)
-    warnings = []
     for index in np.flatnonzero(total > magnitude / 2):  # less is rounding
         shaped = np.sqrt(varies[index] / closed[index]) > _PARALLEL * approach[index]
         radius = np.sqrt(state.scene.symmetry * (closed[index] if shaped else surface[index]) / np.pi)
@@ -161,15 +156,14 @@ def _sliding(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
                 f"a radius of {radius:.3g}: they act on each other as if they still faced each other; limit "
                 f"{limit:.3g}, in units of the mesh"
             )
-            warnings.append(ModelWarning("sliding", value, limit, place, message))
-    return warnings
+            yield ModelWarning("sliding", value, limit, place, message)
 
 
-def _large_load_steps(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+def _large_load_steps(state: SolvedState, rows: ConstraintRows) -> Iterator[ModelWarning]:
     """Contacts with friction whose nodes have closed in this load step and carry tangential forces."""
-    solution, contacts, warnings = state.solution, state.scene.contact, list[ModelWarning]()
+    solution, contacts = state.solution, state.scene.contact
     if not any(pair.tangential is not None for pair in contacts):
-        return warnings
+        return
     assert solution.rows is not None
     along = np.linalg.norm(tangential_vectors(solution.rows, solution.row_force), axis=1)
     columns = solution.force, np.where(solution.closed_anew, along, 0.0)
@@ -181,8 +175,7 @@ def _large_load_steps(state: SolvedState, rows: ConstraintRows) -> list[ModelWar
                 f"of the contact force; they stick from where the step begins, not from where they close; limit "
                 f"{LOAD_STEP:.0%}; take more load steps, `LoadPath.repeated(2, unloaded)` tells their effect"
             )
-            warnings.append(ModelWarning("load step", anew / force, LOAD_STEP, pair.name, message))
-    return warnings
+            yield ModelWarning("load step", anew / force, LOAD_STEP, pair.name, message)
 
 
 def _no_contact(state: SolvedState, rows: ConstraintRows) -> ModelWarning:
@@ -231,9 +224,9 @@ def _initial_overlaps(state: SolvedState, rows: ConstraintRows) -> list[ModelWar
     return [ModelWarning("initial overlap", value, INITIAL_OVERLAP * extent, place, message)]
 
 
-def _cut_off(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+def _cut_off(state: SolvedState, rows: ConstraintRows) -> Iterator[ModelWarning]:
     """Contacts that reach a rim of the second surface beyond which the boundary of its body goes on smoothly."""
-    forest, warnings = state.forest, []
+    forest = state.forest
     for kind in rows.kinds:
         surfaces = state.scene.nonmatching.get(kind.index)
         if surfaces is None or not surfaces.goes_on:
@@ -253,15 +246,14 @@ def _cut_off(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
                 f"{_shown(place)}, beyond which the boundary of the body goes on: it misses about {part:.2g} of the "
                 f"force, limit {MISSED:g}; let the surface be larger"
             )
-            warnings.append(ModelWarning("uncovered", part, MISSED, place, message))
-    return warnings
+            yield ModelWarning("uncovered", part, MISSED, place, message)
 
 
-def _oblique(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
+def _oblique(state: SolvedState, rows: ConstraintRows) -> Iterator[ModelWarning]:
     """Contacts whose force is summed along a direction that is not that of their resultant."""
-    scene, warnings = state.scene, list[ModelWarning]()
+    scene = state.scene
     if scene.mirrors.parts < scene.symmetry:  # the resultant of the whole is not known
-        return warnings
+        return
     count, forces = len(scene.contact), state.solution.force[:, None] * rows.normal
     own = np.stack([np.bincount(rows.contact, column, count) for column in forces.T], axis=1)
     total = scene.mirrors.force(rows.prolongation.comm.allreduce(own))
@@ -277,8 +269,7 @@ def _oblique(state: SolvedState, rows: ConstraintRows) -> list[ModelWarning]:
                 f"resultant {_shown((x, y, z))}; limit {MISSED:.0%}; leave `direction` away, or "
                 "turn it along the resultant"
             )
-            warnings.append(ModelWarning("oblique direction", missed, MISSED, pair.name, message))
-    return warnings
+            yield ModelWarning("oblique direction", missed, MISSED, pair.name, message)
 
 
 def _uncovered_ties(scene: Scene) -> list[ModelWarning]:
@@ -294,13 +285,13 @@ def _uncovered_ties(scene: Scene) -> list[ModelWarning]:
     ]
 
 
-def _unresolved_loads(state: SolvedState, load_totals: FloatArray) -> list[ModelWarning]:
+def _unresolved_loads(state: SolvedState, load_totals: FloatArray) -> Iterator[ModelWarning]:
     """Loads that are functions with features inside leaves."""
     scene = state.scene
-    loads, warnings = (*scene.tractions, *scene.body_forces), list[ModelWarning]()
+    loads = *scene.tractions, *scene.body_forces
     part = "" if scene.symmetry == 1 else ", the modelled part"
     if not any(callable(force.value) for force in loads):
-        return warnings
+        return
     sums = np.column_stack([load_totals[:, :, :3].sum(axis=1), finer_totals(scene, state.elasticity)])
     state.forest.comm.Allreduce(MPI.IN_PLACE, sums)
     for force, (applied, finer, (magnitude,)) in zip(loads, (np.split(row, [3, 6]) for row in sums)):
@@ -313,8 +304,7 @@ def _unresolved_loads(state: SolvedState, load_totals: FloatArray) -> list[Model
                 "varies, or let cells end where it jumps"
             )
             place = force.body if isinstance(force, BodyForce) else force.surface
-            warnings.append(ModelWarning("unresolved load", value, limit, place, message))
-    return warnings
+            yield ModelWarning("unresolved load", value, limit, place, message)
 
 
 def _place_of_largest(
