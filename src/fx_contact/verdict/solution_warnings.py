@@ -131,18 +131,11 @@ def _sliding(state: SolvedState, rows: ConstraintRows) -> Iterator[ModelWarning]
     force, contacts = state.solution.force, state.scene.contact
     count, comm = len(contacts), rows.prolongation.comm
     slid, area = rows.sliding(state.solution.still), np.where(state.solution.active, rows.area, 0.0)
-
-    def sums(*columns: FloatArray) -> FloatArray:
-        """Of each column over the rows of each contact: (columns, contacts)."""
-        return comm.allreduce(
-            np.stack([np.bincount(rows.contact, column, count) for column in columns]).astype(float)
-        )
-
     columns = force, np.abs(force), force * slid, area * rows.gap, area, rows.area
-    total, magnitude, moved, gap, closed, surface = sums(*columns)
+    total, magnitude, moved, gap, closed, surface = _of_contacts(rows, *columns)
     moved = np.divide(moved, total, out=np.zeros(count), where=total > 0)
     gap = np.divide(gap, closed, out=np.zeros(count), where=closed > 0)
-    (varies,) = sums(area * (rows.gap - gap[rows.contact]) ** 2)
+    (varies,) = _of_contacts(rows, area * (rows.gap - gap[rows.contact]) ** 2)
     _, approach = rows.force_and_approach(force, rows.contact, count)
     for index in np.flatnonzero(total > magnitude / 2):  # less is rounding
         shaped = np.sqrt(varies[index] / closed[index]) > _PARALLEL * approach[index]
@@ -167,8 +160,7 @@ def _large_load_steps(state: SolvedState, rows: ConstraintRows) -> Iterator[Mode
     assert solution.rows is not None
     along = np.linalg.norm(tangential_vectors(solution.rows, solution.row_force), axis=1)
     columns = solution.force, np.where(solution.closed_anew, along, 0.0)
-    sums = np.stack([np.bincount(rows.contact, column, len(contacts)) for column in columns]).astype(float)
-    for pair, force, anew in zip(contacts, *rows.prolongation.comm.allreduce(sums)):
+    for pair, force, anew in zip(contacts, *_of_contacts(rows, *columns)):
         if anew > LOAD_STEP * force:
             message = (
                 f"nodes of {pair.label} that close in this load step have tangential forces of {percent(anew / force)} "
@@ -254,9 +246,8 @@ def _oblique(state: SolvedState, rows: ConstraintRows) -> Iterator[ModelWarning]
     scene = state.scene
     if scene.mirrors.parts < scene.symmetry:  # the resultant of the whole is not known
         return
-    count, forces = len(scene.contact), state.solution.force[:, None] * rows.normal
-    own = np.stack([np.bincount(rows.contact, column, count) for column in forces.T], axis=1)
-    total = scene.mirrors.force(rows.prolongation.comm.allreduce(own))
+    forces = state.solution.force[:, None] * rows.normal
+    total = scene.mirrors.force(_of_contacts(rows, *forces.T).T)
     for pair, there, force in zip(scene.contact, scene.oriented, total):
         size, direction, of_rows = float(np.linalg.norm(force)), pair.unit_direction, there.unit_direction
         if direction is None or of_rows is None or pair.obstacle is not None or not size:
@@ -305,6 +296,12 @@ def _unresolved_loads(state: SolvedState, load_totals: FloatArray) -> Iterator[M
             )
             place = force.body if isinstance(force, BodyForce) else force.surface
             yield ModelWarning("unresolved load", value, limit, place, message)
+
+
+def _of_contacts(rows: ConstraintRows, *columns: FloatArray) -> FloatArray:
+    """Sums (columns, contacts) of columns (n,) over the rows of each contact, on all ranks.  Collective."""
+    sums = np.stack([np.bincount(rows.contact, column, len(rows.kinds)) for column in columns]).astype(float)
+    return rows.prolongation.comm.allreduce(sums)
 
 
 def _place_of_largest(
