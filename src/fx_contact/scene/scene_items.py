@@ -17,7 +17,6 @@ from fx_contact.items.boundary_conditions import (
     Pressure,
     SymmetryPlane,
     Traction,
-    called,
     merged,
 )
 from fx_contact.items.contact import Contact, ContactPair
@@ -87,17 +86,6 @@ class SceneItems:
         """Share of each surface force, then of springs, on displacements that conditions on its surface prescribe."""
         of_springs = (held_stiffness(self.mesh, self.conditions, support) for support in self.springs)
         return *(held_share(self.mesh, self.conditions, load) for load in self.tractions), *of_springs
-
-    @cached_property
-    def zero_loads(self) -> tuple[tuple[str, str], ...]:
-        """Descriptions and places of the loads and stress-free strains that are zero at all sampling points."""
-        return tuple(
-            (load.what, load.place)
-            for load in (*self.tractions, *self.body_forces, *self.strains)
-            if not np.any(
-                called(load.what, load.value, self.mesh.samples(load.place)) if callable(load.value) else load.value
-            )
-        )
 
     @cached_property
     def mirrors(self) -> Mirrors:

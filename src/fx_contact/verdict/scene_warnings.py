@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fx_contact.geometry.hexahedral_mesh import PLANE
-from fx_contact.items.boundary_conditions import RigidMotion
+from fx_contact.items.boundary_conditions import RigidMotion, called
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
 from fx_contact.scene.mirrors import mirror_group
@@ -63,12 +63,13 @@ def _held_loads(scene: Scene) -> list[ModelWarning]:
     ]
 
 
-def _zero_loads(scene: Scene) -> list[ModelWarning]:
-    """Loads, and stress-free strains, that are zero everywhere."""
-    return [
-        ModelWarning("zero load", 0.0, 0.0, place, f"{what} is zero everywhere and has no effect; check its value")
-        for what, place in scene.zero_loads
-    ]
+def _zero_loads(scene: Scene) -> Iterator[ModelWarning]:
+    """Loads, and stress-free strains, that are zero at all sampling points."""
+    for load in (*scene.tractions, *scene.body_forces, *scene.strains):
+        value = called(load.what, load.value, scene.mesh.samples(load.place)) if callable(load.value) else load.value
+        if not np.any(value):
+            message = f"{load.what} is zero everywhere and has no effect; check its value"
+            yield ModelWarning("zero load", 0.0, 0.0, load.place, message)
 
 
 def _loads_on_contact(scene: Scene) -> Iterator[ModelWarning]:
