@@ -66,5 +66,5 @@ def test_direction_of_facets(direction, expected):
     """They face others along the direction that is given, whatever its length, else along their normals."""
     scene = pressed(two_boxes(distortion=0.0), direction=direction)
     facets = np.argwhere(scene.contact_surfaces.on(0, 0))
-    found = scene.contact_directions(np.zeros(len(facets)), facets)
+    found = scene.contact_directions(0, facets)
     assert len(found) and np.allclose(found, expected, rtol=0, atol=1e-14)

@@ -27,6 +27,7 @@ class Contact(ABC):
         clearance: added to the gap, negative for interference [m].
         force: on the obstacle, along which it is free to move [N]; None: it does not move by itself.
         moved: displacement of the obstacle [m].
+        direction: in which the surfaces face each other, of any length [-]; None: along their normals.
     """
 
     #: Rows are equations, always closed.
@@ -38,6 +39,7 @@ class Contact(ABC):
     clearance: float = 0.0
     force: tuple[float, float, float] | None = None
     moved: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    direction: tuple[float, float, float] | None = None
 
     @property
     def tangential(self) -> TangentialLaw | None:
@@ -105,11 +107,6 @@ class Coupling(Contact):
     """An interface whose rows are equations along all axes, always closed."""
 
     EQUALITY: ClassVar[bool] = True
-
-    @property
-    def direction(self) -> None:
-        """As `unit_direction`."""
-        return None
 
     @property
     def unit_direction(self) -> None:

@@ -110,7 +110,7 @@ class Scene(SceneItems):
         lists = {
             "materials": [f"{region!r} {material.text}" for region, material in materials],
             "contact": [self._described(i) for i, one in enumerate(self.interfaces) if not one.EQUALITY],
-            "ties": [self._described(index) for index in self.numbered(Tie)],
+            "ties": [self._described(i) for i, one in enumerate(self.interfaces) if isinstance(one, Tie)],
             "rigid loads": [repr(load.surface) for load in self.rigid_loads],
             "displacements": [f"{c.where!r} ({c.components})" for c in self.conditions],
             "elastic supports": [repr(support.surface) for support in self.springs],

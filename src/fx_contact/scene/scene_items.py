@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import numpy as np
 
@@ -33,8 +33,6 @@ from fx_contact.scene.rigid_faces import RigidFace, rigid_face
 from fx_contact.surfaces.contact_surfaces import ContactSurfaces, preceding
 from fx_contact.surfaces.facet_pairing import Pairing
 from fx_contact.surfaces.nonmatching import NonmatchingSurfaces, oriented
-
-_Kind = TypeVar("_Kind", bound=Contact)
 
 #: Largest difference of two conditions on one component, relative to the largest prescribed displacement.
 _SAME = 1e-12
@@ -107,10 +105,6 @@ class SceneItems:
         """(n + 1,), which of n `interfaces` are equations: ties and rigid faces; at last False, for the index -1."""
         return np.array([*(interface.EQUALITY for interface in self.interfaces), False])
 
-    def numbered(self, kind: type[_Kind]) -> dict[int, _Kind]:
-        """The `interfaces` of a class, by index."""
-        return {index: one for index, one in enumerate(self.interfaces) if isinstance(one, kind)}
-
     @cached_property
     def rigid_faces(self) -> tuple[RigidFace, ...]:
         """Surfaces of `rigid_loads`, with the motions that conditions allow."""
@@ -125,7 +119,7 @@ class SceneItems:
     def nonmatching(self) -> dict[int, NonmatchingSurfaces]:
         """Surfaces whose meshes do not match, by index among `interfaces`; first the one with the rows."""
         moduli = np.array([self.materials[region].plane_strain_modulus for region in self.mesh.regions])
-        pairs: dict[int, ContactPair | Tie] = self.numbered(ContactPair) | self.numbered(Tie)
+        pairs = {index: one for index, one in enumerate(self.interfaces) if isinstance(one, ContactPair | Tie)}
         result = {index: oriented(self.mesh, pairs[index], moduli) for index in self.pairing.nonmatching}
         for index, surfaces in result.items():
             surfaces.before = tuple(result[other] for other in preceding(self.interfaces, index) if other in result)
@@ -134,11 +128,8 @@ class SceneItems:
     @property
     def oriented(self) -> tuple[Contact, ...]:
         """`interfaces` with the surface first that has the rows, the program's choice where meshes do not match."""
-        turned = {i for i, one in self.nonmatching.items() if one.contact.surfaces != self.interfaces[i].surfaces}
-        return tuple(
-            pair.reversed() if index in turned and isinstance(pair, (ContactPair, Tie)) else pair
-            for index, pair in enumerate(self.interfaces)
-        )
+        chosen = {index: surfaces.contact for index, surfaces in self.nonmatching.items()}
+        return tuple(chosen.get(index, one) for index, one in enumerate(self.interfaces))
 
     @cached_property
     def contact_surfaces(self) -> ContactSurfaces:
@@ -174,13 +165,10 @@ class SceneItems:
         object.__setattr__(other, "contact", tuple(moved))
         return other
 
-    def contact_directions(self, contacts: IntArray, facets: IntArray) -> FloatArray:
-        """Unit vectors (n, 3) [-] from facets (n, 2) of contacts (n,): the given direction or the mean normal."""
-        result = self.mesh.outward_normals(facets)
-        for index, contact in enumerate(self.oriented):
-            if contact.unit_direction is not None:
-                result[contacts == index] = contact.unit_direction
-        return result
+    def contact_directions(self, index: int, facets: IntArray) -> FloatArray:
+        """Unit vectors (n, 3) [-] from facets (n, 2) of an interface: the given direction or the mean normals."""
+        normals, direction = self.mesh.outward_normals(facets), self.oriented[index].unit_direction
+        return normals if direction is None else np.broadcast_to(direction, normals.shape)
 
     def prescribed(self, points: FloatArray) -> FloatArray:
         """Prescribed displacements (npoints, 3) [m] of the root mesh's nodes at `points` (npoints, 3), NaN where free.

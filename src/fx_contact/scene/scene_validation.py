@@ -252,7 +252,7 @@ def check_ties(scene: SceneItems) -> None:
     for tie in scene.ties:
         if isinstance(tie, Preload):
             _check_section(scene.mesh, tie)
-    for index, tie in scene.numbered(Tie).items():
+    for index, tie in enumerate(scene.ties, len(scene.contact)):
         distance, size = _between(scene, index)
         part = np.nan_to_num(np.abs(distance)) / size
         worst = np.unravel_index(part.argmax(), part.shape)

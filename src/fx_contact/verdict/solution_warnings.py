@@ -71,7 +71,7 @@ def _initial_overlap(scene: Scene) -> float:
         cell, face = kind.facets(forest)
         nodes = hexahedron.grid_points(_SAMPLES)[hexahedron.face_nodes(_SAMPLES)[face]] * (SIDE // _SAMPLES)
         apart = kind.apart(forest, cell, face, nodes.astype(np.int32))
-        across = scene.contact_directions(np.full(len(cell), kind.index), np.stack([cell, face], axis=1))
+        across = scene.contact_directions(kind.index, np.stack([cell, face], axis=1))
         gap = np.einsum("nmi,ni->nm", apart, across) + kind.contact.clearance
         deepest = max(deepest, float(-gap.min(initial=0.0)))
     return deepest
