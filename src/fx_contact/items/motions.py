@@ -56,34 +56,19 @@ class Approach(Motion):
         return np.asarray(normals @ self.against)[None]
 
     def entry(self, t: FloatArray) -> float:
-        """Distance along the force [m]."""
+        """Distance along the force, by which a bolt is shortened [m]."""
         return float(t[0])
 
 
-@dataclass(frozen=True, eq=False)
-class Closing(Motion):
-    """The sides of a bolt section are pulled together along the axis.
+class Closing(Approach):
+    """The sides of a bolt section are pulled together by a tension: D = t n . e of the row along e.
 
     Attributes:
-        axis: (3,), unit vector out of the first side [-].
-        tension: [N].
+        against: minus the axis n, unit vector out of the first side [-].
+        force: the tension [N].
     """
 
-    axis: FloatArray
-    tension: float
-
-    @property
-    def loads(self) -> FloatArray:
-        """As `Motion.loads`."""
-        return np.array([self.tension])
-
-    def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
-        """As `Motion.rates`: D = t n . e of the row along e."""
-        return np.asarray(-normals @ self.axis)[None]
-
-    def entry(self, t: FloatArray) -> float:
-        """By how much the bolt is shortened [m]."""
-        return float(t[0])
+    TURNS: ClassVar[bool] = False
 
 
 @dataclass(frozen=True, eq=False)

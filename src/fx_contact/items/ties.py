@@ -94,7 +94,7 @@ class Preload(Tie):
     @property
     def motion(self) -> Closing | None:
         """As `Contact.motion`: the closing, with a tension."""
-        return None if self.tension is None else Closing(self.unit_axis, float(self.tension))
+        return None if self.tension is None else Closing(-self.unit_axis, float(self.tension))
 
     def opening(self, positions: FloatArray) -> FloatArray | None:
         """As `Contact.opening`: t n; with a tension the closing is unknown."""
