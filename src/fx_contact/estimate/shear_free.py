@@ -31,16 +31,15 @@ class ShearFree:
     """
 
     across: BoolArray
-    oblique: tuple[IntArray, FloatArray] | None = None
+    oblique: tuple[IntArray, FloatArray] = (np.zeros(0, dtype=np.int64), np.zeros((0, 6, 6)))
 
     def remove_shear(self, stress: FloatArray) -> None:
         """Remove the shear of stresses (owned, ..., 6 or more) in place, the first six as `VOIGT`."""
         for component, (i, j) in enumerate(VOIGT):
             if i != j:
                 stress[self.across[:, i] | self.across[:, j], ..., component] = 0
-        if self.oblique is not None:
-            nodes, kept = self.oblique
-            stress[nodes, ..., :6] = np.einsum("nij,n...j->n...i", kept, stress[nodes, ..., :6])
+        nodes, kept = self.oblique
+        stress[nodes, ..., :6] = np.einsum("nij,n...j->n...i", kept, stress[nodes, ..., :6])
 
 
 def find_shear_free(scene: Scene, forest: Forest, prolongation: Prolongation) -> ShearFree:
@@ -68,8 +67,6 @@ def find_shear_free(scene: Scene, forest: Forest, prolongation: Prolongation) ->
         on[nodes_on(space, facets), column] = 1
     on[prolongation.hanging] = 0
     on_planes: BoolArray = np.greater(prolongation.restrict(on), 0)
-    if not planes:
-        return ShearFree(on_planes)
     oblique: BoolArray = np.any(on_planes[:, 3:], axis=1, keepdims=True)
     nodes = np.flatnonzero(oblique)
     shears = np.array([_shears(normal) for normal in (*np.eye(3), *(plane.normal for plane in planes))])
