@@ -129,14 +129,8 @@ class Goals:
         stages: Stages,
         bounds: bool,
     ) -> None:
-        self._state, self._error, self._estimator, self._system, self._stages = (
-            state,
-            error,
-            estimator,
-            system,
-            stages,
-        )
-        self._comm = state.forest.comm
+        self._state, self._error, self._estimator = state, error, estimator
+        self._system, self._stages, self._comm = system, stages, state.forest.comm
         rows = state.solution.rows
         self._motions = None if rows is None else RowMotions.of(rows, turning=True)
         settles = self._motions is not None and len(self._motions) > 0
