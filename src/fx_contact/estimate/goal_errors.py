@@ -105,51 +105,41 @@ def judge_goals(
         residual: (owned, 3), `nodal_residual` of the state [N].
         theta: effectivity by which estimated errors are divided [-].
     """
-    known: dict[Quantity, tuple[Functional, Goal | None]] = {}
+    comm, known = state.forest.comm, dict[Quantity, tuple[Functional, Goal | None]]()
     for quantity in sorted(goals, key=lambda goal: float(goal.tolerance)):
         key = _without_tolerance(quantity)
         if key not in known:
             functional = quantity.functional(state, residual)
             goal = None
-            if duals is not None and functional.depends(state.forest.comm):
+            if duals is not None and functional.depends(comm):
                 goal = duals.of(functional, theta * quantity.tolerance * functional.size)
             known[key] = functional, goal
-    return tuple(
-        _judged(goal, *known[_without_tolerance(goal)], duals is not None, state, theta, control) for goal in goals
-    )
+
+    def judged(quantity: Quantity) -> JudgedGoal:
+        """A goal by its functional and error.  Collective."""
+        functional, goal = known[_without_tolerance(quantity)]
+        refine = np.zeros(len(state.forest), dtype=np.int8)
+        allowed, error, reached = quantity.tolerance * functional.size, None, duals is not None
+        if goal is not None:
+            weighted, local = goal.total / theta, _largest(functional.local, comm)
+            error = weighted + local
+            reached = error <= allowed
+            share = max(allowed - local, allowed / 2)
+            if not reached and weighted > share:
+                times = for_goal(goal.error, share * theta, goal.dual.child_error, control.target, comm)
+                refine[state.elasticity.leaf_mesh.leaf] = times
+            share = max(allowed - weighted, allowed / 2)
+            if not reached and local > share:
+                assert functional.local is not None
+                np.maximum(refine, _for_local(state, functional.local, control.target * share), out=refine)
+        record = GoalRecord(quantity.name, functional.value, error, allowed, float(quantity.tolerance), reached)
+        return JudgedGoal(record, refine, comm.allreduce(int((refine > 0).sum())), goal)
+
+    return tuple(map(judged, goals))
 
 
 def _without_tolerance(quantity: Quantity) -> Quantity:
-    plain: Quantity = replace(cast(Any, quantity), tolerance=0.5)
-    return plain
-
-
-def _judged(
-    quantity: Quantity,
-    functional: Functional,
-    goal: Goal | None,
-    wanted: bool,
-    state: SolvedState,
-    theta: float,
-    control: ErrorControl,
-) -> JudgedGoal:
-    """A goal by its functional and error.  Collective."""
-    comm, refine = state.forest.comm, np.zeros(len(state.forest), dtype=np.int8)
-    allowed, error, reached = quantity.tolerance * functional.size, None, wanted
-    if goal is not None:
-        weighted, local = goal.total / theta, _largest(functional.local, comm)
-        error = weighted + local
-        reached = error <= allowed
-        share = max(allowed - local, allowed / 2)
-        if not reached and weighted > share:
-            times = for_goal(goal.error, share * theta, goal.dual.child_error, control.target, comm)
-            refine[state.elasticity.leaf_mesh.leaf] = times
-        share = max(allowed - weighted, allowed / 2)
-        if not reached and local > share:
-            assert state.rows is not None and functional.local is not None
-            np.maximum(refine, _for_local(state, functional.local, control.target * share), out=refine)
-    record = GoalRecord(quantity.name, functional.value, error, allowed, float(quantity.tolerance), reached)
-    return JudgedGoal(record, refine, comm.allreduce(int((refine > 0).sum())), goal)
+    return replace(cast(Any, quantity), tolerance=0.5)
 
 
 def _largest(local: FloatArray | None, comm: MPI.Intracomm) -> float:
