@@ -31,7 +31,7 @@ reactions: W. Bangerth, R. Rannacher, Adaptive Finite Element Methods for Differ
 chapter 11.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -62,7 +62,7 @@ _UNRESISTED = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Functional:
-    """A quantity of interest J at a solution, and the data of its dual problem; None: 0.
+    """A quantity of interest J at a solution, and the data of its dual problem; None, and no rows: 0.
 
     Attributes:
         value: J(u_h).
@@ -80,9 +80,9 @@ class Functional:
     value: float
     size: float
     load: FloatArray | None = None
-    penetration: FloatArray | None = None
+    penetration: FloatArray = field(default_factory=lambda: np.zeros(0))
     prescribed: FloatArray | None = None
-    local: FloatArray | None = None
+    local: FloatArray = field(default_factory=lambda: np.zeros(0))
     fixed: bool = False
     beyond: FloatArray | None = None
     tangential: FloatArray | None = None
@@ -207,8 +207,7 @@ class Goals:
         load = np.zeros(shape) if functional.load is None else functional.load
         penetration: FloatArray = np.zeros(0 if rows is None else len(rows))
         w = functional.prescribed
-        if functional.penetration is not None:
-            penetration[: len(functional.penetration)] = functional.penetration
+        penetration[: len(functional.penetration)] = functional.penetration
         if functional.tangential is not None and isinstance(self._system, ContactSystem):
             axes = self._system.jump.rows  # along and across the slip
             components = np.einsum("ni,ni->n", functional.tangential, axes.normal)

@@ -121,7 +121,8 @@ def judge_goals(
         refine = np.zeros(len(state.forest), dtype=np.int8)
         allowed, error, reached = quantity.tolerance * functional.size, None, duals is not None
         if goal is not None:
-            weighted, local = goal.total / theta, _largest(functional.local, comm)
+            weighted = goal.total / theta
+            local = comm.allreduce(float(functional.local.max(initial=0.0)), op=MPI.MAX)
             error = weighted + local
             reached = error <= allowed
             share = max(allowed - local, allowed / 2)
@@ -130,7 +131,6 @@ def judge_goals(
                 refine[state.elasticity.leaf_mesh.leaf] = times
             share = max(allowed - weighted, allowed / 2)
             if not reached and local > share:
-                assert functional.local is not None
                 np.maximum(refine, _for_local(state, functional.local, control.target * share), out=refine)
         record = GoalRecord(quantity.name, functional.value, error, allowed, float(quantity.tolerance), reached)
         return JudgedGoal(record, refine, comm.allreduce(int((refine > 0).sum())), goal)
@@ -140,11 +140,6 @@ def judge_goals(
 
 def _without_tolerance(quantity: Quantity) -> Quantity:
     return replace(cast(Any, quantity), tolerance=0.5)
-
-
-def _largest(local: FloatArray | None, comm: MPI.Intracomm) -> float:
-    """The largest local error.  Collective."""
-    return comm.allreduce(0.0 if local is None else float(local.max(initial=0.0)), op=MPI.MAX)
 
 
 def _for_local(state: SolvedState, local: FloatArray, aim: float) -> Int8Array:
