@@ -118,7 +118,7 @@ def test_local_errors_add_to_that_of_the_mean(monkeypatch):
     state = SimpleNamespace(
         forest=Leaves(4), elasticity=SimpleNamespace(leaf_mesh=SimpleNamespace(leaf=np.arange(4)))
     )
-    state.rows = state.forest
+    state.contact_rows = state.forest
     found = SimpleNamespace(dual=SimpleNamespace(child_error=1 / 32), error=np.zeros(4), total=0.04)
     last = WORLD.rank == WORLD.size - 1
     local = np.array([0.9, 0.3, 0.05, 0.0]) * last

@@ -12,7 +12,7 @@ Source of both profiles: K. L. Johnson, Contact Mechanics, Cambridge University 
 
 import numpy as np
 
-from fx_contact.contact.constraint_rows import ConstraintRows
+from fx_contact.contact.constraint_rows import RowKind
 from fx_contact.estimate.solved_state import SolvedState
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 
@@ -27,8 +27,7 @@ def cells_at_edge(state: SolvedState) -> BoolArray:
 
     Collective on state.forest.comm.
     """
-    assert state.rows is not None
-    rows, forest, active, slips = state.rows, state.forest, state.solution.active, state.solution.slides
+    rows, forest, active, slips = state.contact_rows, state.forest, state.solution.active, state.solution.slides
     entries, prolongation = rows.entries, rows.prolongation
     nodal, result = prolongation.zeros(4), np.zeros(len(forest), dtype=bool)
     status = np.column_stack([active, ~active, active & ~slips, slips])[entries.row]
@@ -49,9 +48,8 @@ class ContactEdge:
     """
 
     def __init__(self, state: SolvedState) -> None:
-        assert state.rows is not None
-        self._rows, self._leaves, self._leaf = state.rows, len(state.forest), state.elasticity.leaf_mesh.leaf
-        self._parts = [self._parts_of(state, state.rows, index) for index in range(len(state.rows.kinds))]
+        self._rows, self._leaves, self._leaf = state.contact_rows, len(state.forest), state.elasticity.leaf_mesh.leaf
+        self._parts = [self._parts_of(state, kind) for kind in self._rows.kinds]
 
     def on_cells(self, jump: FloatArray) -> FloatArray:
         """int p |d - B z| dA of each cell: (ncells,), by d - B z in the rows (n,), 0 in closed ones.
@@ -64,10 +62,9 @@ class ContactEdge:
             np.add.at(of_leaf, leaf, force * np.maximum(nodal[corners], 0.0).sum(axis=1))
         return of_leaf[self._leaf]
 
-    @staticmethod
-    def _parts_of(state: SolvedState, rows: ConstraintRows, index: int) -> tuple[Int64Array, IntArray, FloatArray]:
+    def _parts_of(self, state: SolvedState, kind: RowKind) -> tuple[Int64Array, IntArray, FloatArray]:
         """Leaf (m,), corner nodes (m, 4), and force over the number of open corners (m,) [N] of the parts of a kind."""
-        kind, forest, space = rows.kinds[index], state.forest, rows.prolongation.space
+        rows, forest, space = self._rows, state.forest, self._rows.prolongation.space
         leaf, face = kind.facets(forest)
         side = space.degree + 1
         square = space.on_faces(leaf, face).reshape(len(leaf), side, side)

@@ -79,6 +79,5 @@ def penalty_share(state: SolvedState, force: Goal) -> float:
 
     Collective on state.forest.comm.
     """
-    assert state.rows is not None
-    work = float((force.pressure * state.rows.area) @ state.solution.penetration)
+    work = float((force.pressure * state.contact_rows.area) @ state.solution.penetration)
     return abs(state.forest.comm.allreduce(work)) / force.value

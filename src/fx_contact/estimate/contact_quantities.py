@@ -53,8 +53,7 @@ class OfPair(Quantity):
 
     def rows(self, state: SolvedState) -> tuple[ConstraintRows, BoolArray]:
         """All rows, and those of the contact pair as a mask (n,).  Local."""
-        assert state.rows is not None
-        return state.rows, np.asarray(state.rows.contact == self.index(state.scene))
+        return state.contact_rows, np.asarray(state.contact_rows.contact == self.index(state.scene))
 
     def index(self, scene: Scene) -> int:
         """Of the contact pair among `Scene.interfaces`.  Local."""

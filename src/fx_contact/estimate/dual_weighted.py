@@ -220,10 +220,9 @@ class Goals:
 
 def gap_functional(state: SolvedState, weight: FloatArray) -> Functional:
     """The mean gap of rows by weights (n,), of sum 1 over all ranks [-].  Collective on state.forest.comm."""
-    assert state.rows is not None
     left = np.maximum(-state.solution.penetration, 0.0)
     value = state.forest.comm.allreduce(float((weight * left).sum()))
-    return Functional(value, value, load=-state.rows.transposed(weight))
+    return Functional(value, value, load=-state.contact_rows.transposed(weight))
 
 
 def _of_families(elasticity: Elasticity, products: FloatArray) -> FloatArray:

@@ -144,8 +144,7 @@ def _without_tolerance(quantity: Quantity) -> Quantity:
 
 def _for_local(state: SolvedState, local: FloatArray, aim: float) -> Int8Array:
     """Number of refinements of each leaf (n,) for local errors (rows,) up to `aim`, if they are smooth.  Collective."""
-    assert state.rows is not None
     refine = np.zeros(len(state.forest), dtype=np.int8)
     for times in (1, 2):
-        refine[leaves_of_rows(state.rows, local > 4 ** (times - 1) * aim)] = times
+        refine[leaves_of_rows(state.contact_rows, local > 4 ** (times - 1) * aim)] = times
     return refine

@@ -29,8 +29,7 @@ class GapBetweenNodes:
     """
 
     def __init__(self, state: SolvedState) -> None:
-        forest, pairs, solution = state.forest, state.rows, state.solution
-        assert pairs is not None
+        forest, pairs, solution = state.forest, state.contact_rows, state.solution
         self._forest, self._rows, self._leaf = forest, pairs, state.elasticity.leaf_mesh.leaf
         self._open: list[tuple[Int64Array, _Facets]] = []
         self._closed: list[tuple[int, Int64Array, IntArray, _Facets]] = []

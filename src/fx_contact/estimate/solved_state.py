@@ -27,3 +27,9 @@ class SolvedState:
     rows: ConstraintRows | None
     solution: ContactSolution
     estimate: Estimate
+
+    @property
+    def contact_rows(self) -> ConstraintRows:
+        """`rows`, of a scene with contact.  Local."""
+        assert self.rows is not None, "of a scene with contact"
+        return self.rows

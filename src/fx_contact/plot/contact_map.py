@@ -92,11 +92,10 @@ def draw_contact(
 def _first_surfaces(step: Step) -> tuple[Int64Array, Int64Array, FloatArray, BoolArray]:
     """On first surfaces of contacts this rank's leaves (m,), local faces (m,), outward areas (m, 3) [m^2], and pieces
     (m, k^2) that face something."""
-    assert step.rows is not None, "checked by check_step"
     forest, columns = step.forest, []
     middles = (np.arange(surfaces.PIECES) + 0.5) / surfaces.PIECES
     uv = np.stack(np.meshgrid(middles, middles), axis=-1).reshape(-1, 2)
-    for kind in step.rows.kinds:
+    for kind in step.contact_rows.kinds:
         leaf, face = kind.facets(forest)
         facets = forest.facets(leaf, face)
         columns.append((leaf, face, facets.mean_outward, kind.covered(facets, uv)))

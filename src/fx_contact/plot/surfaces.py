@@ -105,8 +105,7 @@ def contact_size(step: Step) -> float:
 
     Collective on the step's communicator.
     """
-    rows, record = step.rows, step.record
-    assert rows is not None, "checked by check_step"
+    record = step.record
     closed = step.solution.active | (record.active_pairs == 0)
-    area = step.scene.symmetry * step.forest.comm.allreduce(float(rows.area[closed].sum()))
+    area = step.scene.symmetry * step.forest.comm.allreduce(float(step.contact_rows.area[closed].sum()))
     return record.contact_radius or float(np.sqrt(area / np.pi))

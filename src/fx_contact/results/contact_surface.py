@@ -97,8 +97,7 @@ def _nodal_means(step: Step) -> FloatArray:
 
     Collective.  A node with several rows has their mean, weighted by their areas.
     """
-    rows, solution, prolongation = step.rows, step.solution, step.elasticity.prolongation
-    assert rows is not None, "of a scene with contact"
+    rows, solution, prolongation = step.contact_rows, step.solution, step.elasticity.prolongation
     columns = [np.ones(len(rows)), solution.pressure, solution.active, -solution.penetration]
     if solution.traction is not None:
         columns += [solution.traction, solution.slip_vector, solution.slides]
