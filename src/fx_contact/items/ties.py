@@ -9,7 +9,7 @@ from fx_contact.items.contact import Coupling, union
 from fx_contact.items.motions import Closing
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
-from fx_contact.parallel.validation import check_direction, check_number, check_vector, shown
+from fx_contact.parallel.validation import check_direction, check_number, shown
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,6 @@ class Preload(Tie):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_vector(f"the axis of {self.label}", self.axis)
         check_direction(f"the axis of {self.label}", self.axis)
         if self.tension is not None:
             check_number(f"the tension of {self.label}, if not 0,", self.tension, positive=self.tension != 0)
@@ -98,11 +97,9 @@ class Preload(Tie):
 
     def opening(self, positions: FloatArray) -> FloatArray | None:
         """As `Contact.opening`: t n; with a tension the closing is unknown."""
-        return (
-            None
-            if self.closing is None or self.tension is not None
-            else np.tile(self.closing * self.unit_axis, (len(positions), 1))
-        )
+        if self.closing is None or self.tension is not None:
+            return None
+        return np.tile(self.closing * self.unit_axis, (len(positions), 1))
 
     def reversed(self) -> Self:
         """The section with the second side first."""
