@@ -171,8 +171,7 @@ class Reaction(Quantity):
 def set_vectors(quantity: Quantity, **vectors: Sequence[float]) -> None:
     """Set attributes to tuples of three floats.  Local.  Raises SceneError: they are not three finite numbers."""
     for name, vector in vectors.items():
-        check_vector(f"the {name} of a {type(quantity).__name__}", vector)
-        object.__setattr__(quantity, name, tuple(map(float, vector)))
+        object.__setattr__(quantity, name, check_vector(f"the {name} of a {type(quantity).__name__}", vector))
 
 
 def listed(point: Sequence[float]) -> str:

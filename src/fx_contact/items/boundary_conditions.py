@@ -40,8 +40,7 @@ class Placed:
     @property
     def place(self) -> str:
         """Name of the place."""
-        place: str = getattr(self, fields(self)[0].name)
-        return place
+        return getattr(self, fields(self)[0].name)
 
     @property
     def what(self) -> str:
