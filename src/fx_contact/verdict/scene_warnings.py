@@ -8,6 +8,7 @@ from fx_contact.geometry.hexahedral_mesh import PLANE
 from fx_contact.items.boundary_conditions import RigidMotion, called
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
+from fx_contact.scene.held_loads import held_across
 from fx_contact.scene.mirrors import mirror_group
 from fx_contact.scene.rigid_faces import RigidFace
 from fx_contact.scene.scene import Scene
@@ -125,12 +126,9 @@ def _free_on(scene: Scene, normal: FloatArray, at: float) -> Iterator[ModelWarni
     outside = np.argwhere(mesh.face_neighbours == 1)
     heights = mesh.facet_points(outside, order=1) @ normal - at
     there = outside[(np.abs(heights) <= PLANE * np.ptp(mesh.points, axis=0).max()).all(axis=1)]
-    across: FloatArray = np.zeros(mesh.faces.shape)
-    for condition in scene.conditions:
-        if condition.where in mesh.surfaces:
-            across[tuple(mesh.surface(condition.where).T)] += float(normal @ condition.across @ normal)
-    bodies, free = mesh.body[there[:, 0]], across[tuple(there.T)] <= PLANE
-    for body in np.setdiff1d(bodies, bodies[~free]):
+    held = np.einsum("i,nij,j->n", normal, held_across(mesh, scene.conditions, there), normal) > PLANE
+    bodies = mesh.body[there[:, 0]]
+    for body in np.setdiff1d(bodies, bodies[held]):
         count, name = int((bodies == body).sum()), mesh.bodies[body]
         message = (
             f"body {name!r} has {count} root facets on the symmetry plane with the normal {normal.round(6)}, and "
