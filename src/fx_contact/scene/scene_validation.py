@@ -128,10 +128,8 @@ def check_mirrored(scene: SceneItems) -> None:
             )
     for condition in scene.dirichlet:
         if isinstance(condition, SymmetryPlane):
-            plane = np.zeros_like(scene.contact_surfaces.every)
-            plane[tuple(scene.mesh.surface(condition.surface).T)] = True
-            index, _, cell, face = scene.contact_surfaces.table.T
-            for index in index[plane[cell, face]][:1]:
+            table, plane = scene.contact_surfaces.table, scene.mesh.surface(condition.surface)
+            for index in table[np.isin(table[:, 2:] @ [6, 1], plane @ [6, 1]), 0][:1]:
                 raise SceneError(
                     f"{condition.surface!r} has facets of the symmetry plane and of {scene.interfaces[index].label}: "
                     "contact with the mirror image is that with a RigidPlane; else name these facets once"
