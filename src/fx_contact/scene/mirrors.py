@@ -61,8 +61,6 @@ class Mirrors:
 
     def centre(self, point: FloatArray) -> FloatArray:
         """Centroid (3,) [m] of the whole, on all planes, from that of the modelled part."""
-        if not len(self.at):
-            return point
         inverse = np.linalg.pinv(self.normals, rcond=_SAME)
         return point - inverse @ (self.normals @ point) + inverse @ self.at
 

@@ -245,8 +245,6 @@ def check_ties(scene: SceneItems) -> None:
         raise SceneError(
             "contact must be a tuple of contact pairs: ties are an argument of their own, ties=(Tie(...),)"
         )
-    if scene.ties:
-        _ = scene.contact_surfaces  # raises an error for a facet in two of them
     for tie in scene.ties:
         if isinstance(tie, Preload):
             _check_section(scene.mesh, tie)
@@ -275,7 +273,7 @@ def _check_section(mesh: RootMesh, section: Preload) -> None:
 
 def _between(scene: SceneItems, index: int) -> tuple[FloatArray, FloatArray]:
     """Distances (n, 9) of tied surfaces at points of the first, nan where none faces it, and facet diagonals [m]."""
-    mesh, pair = scene.mesh, scene.contact_surfaces.nonmatching.get(index)
+    mesh, pair = scene.mesh, scene.contact_surfaces.nonmatching.get(index)  # an error for a facet in two of them
     first = mesh.surface(scene.oriented[index].surfaces[0])
     here = mesh.facet_points(first, order=2)
     size = np.linalg.norm(np.ptp(here, axis=1), axis=1)[:, None]

@@ -81,10 +81,7 @@ def penetrations(state: SolvedState) -> list[ModelWarning]:
 def _near(scene: Scene, largest: float) -> BoolArray:
     """Root cells (ncells,) near those of another body, displaced by `largest` at most [m]."""
     mesh = scene.mesh
-    result = np.zeros(len(mesh.cells), dtype=bool)
-    if len(mesh.bodies) == 1:
-        return result
-    corners = mesh.points[mesh.corners]
+    result, corners = np.zeros(len(mesh.cells), dtype=bool), mesh.points[mesh.corners]
     low, high = corners.min(axis=1), corners.max(axis=1)
     margin = _MARGIN * (high - low) + largest
     low, high = low - margin, high + margin
