@@ -87,9 +87,8 @@ def check_springs(scene: SceneItems) -> None:
     for support in scene.springs:
         facets = mesh.surface(support.surface)
         stiffness = support.stiffness(mesh.outward_normals(facets)).max() * size
-        young = [
-            scene.materials[mesh.regions[region]].isotropic.young for region in np.unique(mesh.region[facets[:, 0]])
-        ]
+        regions = [mesh.regions[region] for region in np.unique(mesh.region[facets[:, 0]])]
+        young = [scene.materials[name].isotropic.young for name in regions]
         for ratio, how in ((stiffness / min(young), "stiff"), (max(young) / stiffness, "soft")):
             if ratio > _SPRINGS:
                 raise SceneError(
@@ -219,9 +218,8 @@ def _inside(mesh: RootMesh, contact: ContactPair, body: int) -> float:
     corners = mesh.points[mesh.corners[cells]].reshape(-1, 2, 2, 2, 3)
     sides = [np.diff(corners, axis=axis).mean(axis=(1, 2, 3)) for axis in (1, 2, 3)]
     volume = np.abs(np.linalg.det(np.stack(sides, axis=1)))
-    farthest = np.max(
-        [contact.distances(points + np.array(shift))[0] for shift in ((0.0, 0.0, 0.0), contact.moved)], 0
-    )
+    places = points, points + np.array(contact.moved)
+    farthest = np.max([contact.distances(place)[0] for place in places], axis=0)
     return float(volume @ (farthest <= 0).reshape(len(cells), -1).mean(axis=1) / volume.sum())
 
 
@@ -245,10 +243,9 @@ def check_ties(scene: SceneItems) -> None:
         raise SceneError(
             "contact must be a tuple of contact pairs: ties are an argument of their own, ties=(Tie(...),)"
         )
-    for tie in scene.ties:
+    for index, tie in enumerate(scene.ties, len(scene.contact)):
         if isinstance(tie, Preload):
             _check_section(scene.mesh, tie)
-    for index, tie in enumerate(scene.ties, len(scene.contact)):
         distance, size = _between(scene, index)
         part = np.nan_to_num(np.abs(distance)) / size
         worst = np.unravel_index(part.argmax(), part.shape)
