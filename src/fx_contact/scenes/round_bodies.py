@@ -6,7 +6,8 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from fx_contact.geometry import hexahedron
+from fx_contact.geometry.leaf_facets import CORNERS
+from fx_contact.geometry.root_facets import RootFacets
 from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.geometry.shapes import root_mesh_from_shapes
 from fx_contact.geometry.solids import block
@@ -72,15 +73,11 @@ def check_roundness(
     corners = mesh.facet_points(facets, order=1)
     arm = np.hypot(*np.moveaxis(corners[:, :, :2] - centre[:2], 2, 0))
     facets, arm = facets[arm.min(axis=1) < 1e-6 * radius], arm[arm.min(axis=1) < 1e-6 * radius]
-    cell, face = facets.T
-    along = np.linspace(0, 1, 25)[None] * np.minimum(1, 2 * contact_radius / arm.max(axis=1))[:, None]
-    pole, rows = arm.argmin(axis=1), np.arange(len(facets))
-    coordinates = np.empty((len(facets), 3, along.shape[1]))
-    coordinates[rows, hexahedron.FACE_AXIS[face]] = hexahedron.FACE_SIDE[face][:, None]
-    for bit, tangent in enumerate(hexahedron.FACE_TANGENTS[face].T):
-        coordinates[rows, tangent] = np.where((pole >> bit & 1)[:, None], 1 - along, along)
-    distance = np.linalg.norm(mesh.evaluate(cell, coordinates) - centre, axis=2)
-    off = np.abs(distance - radius).max()
+    steps = np.stack(np.meshgrid(*2 * [np.linspace(0, 1, 25)]), axis=-1).reshape(-1, 2)
+    reach = np.minimum(1, 2 * contact_radius / arm.max(axis=1))[:, None, None]
+    from_pole = np.abs(CORNERS[arm.argmin(axis=1)][:, None] - reach * steps)
+    position = RootFacets(mesh, facets).at(np.arange(len(facets)), from_pole).position
+    off = np.abs(np.linalg.norm(position - centre, axis=2) - radius).max()
     if off > ROUND_ENOUGH * approach:
         raise GeometryError(
             f"the root mesh of order {mesh.order} leaves the sphere of {surface!r} by {off:.2g} near the pole, which "
