@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from fx_contact.geometry.shapes import Placement, root_mesh_from_shapes
+from fx_contact.geometry.shapes import root_mesh_from_shapes
 from fx_contact.geometry.solids import block
 from fx_contact.items.boundary_conditions import Dirichlet, SymmetryPlane, Traction
 from fx_contact.items.contact import ContactPair
@@ -50,28 +50,21 @@ def stack(
         raise SceneError(f"{total:,} root cells are too many: refinement makes the leaves, not the root mesh")
     names = [f"block {number}" for number in range(len(materials))]
     bodies, pairs = {}, []
-
-    def raised(move: float) -> Placement:
-        """Map from the unit blocks, raised by some gaps."""
-        return lambda x: (side * x[0], side * x[1], height * x[2] + move)
-
     for level, name in enumerate(names):
         unit = block((0.0, 0.0, level), (0.5, 0.5, level + 1.0), cells, order)
-        bodies[name] = unit.placed(raised(level * gap))
+        bodies[name] = unit.placed(lambda x: (side * x[0], side * x[1], height * x[2])).shifted(z=level * gap)
     surfaces: dict[str, str | list[str]] = {"bottom": f"{names[0]} bottom", "top": f"{names[-1]} top"}
     surfaces |= {plane: [f"{name} {end}" for name in names] for plane, end in (("x = 0", "left"), ("y = 0", "front"))}
     for lower, upper in zip(names, names[1:]):
         surfaces |= {f"on {lower}": f"{lower} top", f"under {upper}": f"{upper} bottom"}
         pairs.append(ContactPair(f"on {lower}", f"under {upper}", direction=(0.0, 0.0, 1.0)))
-    conditions: list[Dirichlet | SymmetryPlane] = [Dirichlet("bottom", z=0.0)]
-    conditions += [SymmetryPlane("x = 0"), SymmetryPlane("y = 0")]
-    if pressure is None:
-        conditions.append(Dirichlet("top", z=-float(displacement)))
+    planes = SymmetryPlane("x = 0"), SymmetryPlane("y = 0")
+    top = (Dirichlet("top", z=-float(displacement)),) if pressure is None else ()
     return Scene(
         name="stack",
         mesh=root_mesh_from_shapes(bodies, surfaces),
         materials=dict(zip(names, materials)),
-        dirichlet=tuple(conditions),
+        dirichlet=(Dirichlet("bottom", z=0.0), *planes, *top),
         contact=tuple(pairs),
         tractions=() if pressure is None else (Traction("top", (0.0, 0.0, -float(pressure))),),
         symmetry=4,
