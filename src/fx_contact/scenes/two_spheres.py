@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fx_contact.geometry.root_mesh import RootMesh
 from fx_contact.items.boundary_conditions import Dirichlet, SymmetryPlane
 from fx_contact.items.contact import ContactPair
 from fx_contact.items.materials import Material
@@ -37,7 +36,11 @@ def spheres(
         order: of the root mesh, 2 to 6 for round ends.
         coarse: root cells along half a side.
     """
-    curvature = _curvatures(radii)
+    if 0 in radii:
+        raise SceneError(f"radii must be two numbers but 0, infinity for a flat end, got {tuple(radii)}")
+    curvature: FloatArray = 1 / np.array(radii, dtype=np.float64)
+    if not curvature.sum() > 0:
+        raise SceneError(f"ends of radii {tuple(radii)} do not touch in one point: 1/R1 + 1/R2 must be positive")
     radius = 1 / np.abs(curvature).max()
     side = radius if side is None else side
     check_arguments(order, coarse, {"radius": radius, "side": side}, {"displacement": displacement})
@@ -51,7 +54,11 @@ def spheres(
         return placed
 
     mesh = columns_mesh(order, (coarse,) * 3, 0.5, "end", place)
-    _check_ends(mesh, curvature, displacement)
+    contact_radius = np.sqrt(max(displacement, 0.0) / curvature.sum())  # Hertz: a^2 = R* delta
+    for end, bend, sign in (("lower end", curvature[0], -1), ("upper end", curvature[1], 1)):
+        if bend:
+            share = displacement * abs(bend) / np.abs(curvature).sum()
+            check_roundness(mesh, end, (0.0, 0.0, sign / bend), abs(1 / bend), contact_radius, share)
     vertical = Dirichlet("bottom", z=0.0), Dirichlet("top", z=-float(displacement))
     return Scene(
         name="spheres",
@@ -62,22 +69,3 @@ def spheres(
         symmetry=4,
         contact_centre=(0.0, 0.0, 0.0),
     )
-
-
-def _curvatures(radii: Sequence[float]) -> FloatArray:
-    """1/R (2,) of both ends [1/m]; SceneError unless such ends touch in one point."""
-    if 0 in radii:
-        raise SceneError(f"radii must be two numbers but 0, infinity for a flat end, got {tuple(radii)}")
-    curvature = 1 / np.array(radii, dtype=np.float64)
-    if not curvature.sum() > 0:
-        raise SceneError(f"ends of radii {tuple(radii)} do not touch in one point: 1/R1 + 1/R2 must be positive")
-    return curvature
-
-
-def _check_ends(mesh: RootMesh, curvature: FloatArray, displacement: float) -> None:
-    """Check the roundness of both ends for the contact radius of an approach [m]; Hertz: a^2 = R* delta."""
-    contact_radius = np.sqrt(max(displacement, 0.0) / curvature.sum())
-    for end, bend, sign in (("lower end", curvature[0], -1), ("upper end", curvature[1], 1)):
-        if bend:
-            share = displacement * abs(bend) / np.abs(curvature).sum()
-            check_roundness(mesh, end, (0.0, 0.0, sign / bend), abs(1 / bend), contact_radius, share)
