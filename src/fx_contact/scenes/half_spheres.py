@@ -58,18 +58,17 @@ def hertz(
 
 def _half_balls(radius: float, order: int, coarse: int, symmetry: str) -> RootMesh:
     """Half-balls that touch at the origin, with flat faces at z = -radius and z = radius."""
+    rounding = _ON * radius
 
     def near_pole(x: FloatArray) -> BoolArray:
         return np.abs(x[:2]).max(axis=0) <= (1 + _ON) * x[2]
 
     def axis(x: FloatArray) -> BoolArray:
-        return np.hypot(x[0], x[1]) < _ON * radius
+        return np.hypot(x[0], x[1]) < rounding
 
     def line(x: FloatArray) -> BoolArray:
         """On the flat face."""
-        return (
-            (np.abs(x[1]) < _ON * radius) & (np.abs(np.abs(x[2]) - radius) < _ON * radius) & (x[0] >= -_ON * radius)
-        )
+        return (np.abs(x[1]) < rounding) & (np.abs(np.abs(x[2]) - radius) < rounding) & (x[0] >= -rounding)
 
     quarter = symmetry == "quarter"
     half = ball(radius, coarse, order, 1 if quarter else 4).named("pole", "outside", where=near_pole)
@@ -78,7 +77,6 @@ def _half_balls(radius: float, order: int, coarse: int, symmetry: str) -> RootMe
     if quarter:
         surfaces |= {plane: [f"{body} {plane}" for body in bodies] for plane in ("x = 0", "y = 0")}
         return root_mesh_from_shapes(bodies, surfaces)
-    curves = {
-        f"{body} {name}": (body, place) for body in bodies for name, place in (("axis", axis), ("radius", line))
-    }
+    places = {"axis": axis, "radius": line}
+    curves = {f"{body} {name}": (body, place) for body in bodies for name, place in places.items()}
     return root_mesh_from_shapes(bodies, surfaces, curves)
