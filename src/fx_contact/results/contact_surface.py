@@ -86,16 +86,7 @@ def nodal_values(step: Step) -> FloatArray:
     With friction also traction [Pa], slip [m] and status (1 slips): (m, 13).
 
     Collective on the step's communicator.  The m nodes are this rank's.  A node in several contact pairs of the scene
-    has the mean of its rows (`_nodal_means`).
-    """
-    values = np.concatenate([step.solution.displacement, _nodal_means(step)], axis=1)
-    return step.elasticity.prolongation.prolong(values)
-
-
-def _nodal_means(step: Step) -> FloatArray:
-    """Columns of `nodal_values` but the displacement at owned conforming nodes.
-
-    Collective.  A node with several rows has their mean, weighted by their areas.
+    has the mean of its rows, weighted by their areas.
     """
     rows, solution, prolongation = step.contact_rows, step.solution, step.elasticity.prolongation
     columns = [np.ones(len(rows)), solution.pressure, solution.active, -solution.penetration]
@@ -106,4 +97,5 @@ def _nodal_means(step: Step) -> FloatArray:
     entries = rows.entries
     np.add.at(sums, entries.node, np.abs(entries.weight)[:, None] * values[entries.row])
     sums = prolongation.summed(sums)
-    return np.asarray(sums[:, 1:] / np.where(sums[:, :1] > 0, sums[:, :1], 1.0))
+    means = sums[:, 1:] / np.where(sums[:, :1] > 0, sums[:, :1], 1.0)
+    return prolongation.prolong(np.concatenate([solution.displacement, means], axis=1))
