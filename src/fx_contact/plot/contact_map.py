@@ -67,9 +67,7 @@ def draw_contact(
     def draw(plotter: Any) -> None:
         """The surfaces with their legend, on rank 0."""
         points, values, outward, covered = shown
-        surface = surfaces.surface_of(points)
-        surface["value"] = values.ravel()
-        surface = surface.extract_cells(covered.ravel())
+        surface = surfaces.surface_of(points, values).extract_cells(covered.ravel())
         scale: dict[str, Any] = {"clim": (0, values.max() or 1.0), "cmap": "viridis", "scalar_bar_args": canvas.bar()}
         if field == "status":
             scale = {"clim": (-0.5, 2.5), "cmap": _OF_STATUS, "annotations": _STATUS}

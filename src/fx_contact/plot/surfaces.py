@@ -50,7 +50,7 @@ def face_points(forest: Forest, leaf: IntArray, face: IntArray) -> FloatArray:
 
 
 def surface_of(faces: FloatArray, values: npt.NDArray[Any] | None = None) -> Any:
-    """Surface of faces, with the point data "value", as PolyData of pyvista.  Local."""
+    """Surface of faces, with "value" at points or on pieces, as PolyData of pyvista.  Local."""
     first = faces.shape[1] * np.arange(len(faces))[:, None, None]
     quads = (first + hexahedron.subcells(PIECES, 2)[:, [0, 1, 3, 2]]).reshape(-1, 4)
     surface = import_pyvista().PolyData.from_regular_faces(faces.reshape(-1, 3), quads)
