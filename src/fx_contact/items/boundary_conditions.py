@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -102,18 +103,6 @@ class Dirichlet:
 
 
 @dataclass(frozen=True)
-class _OfMotion:
-    """A component of a rigid motion: a function of positions, a number plus slope . (x - centre)."""
-
-    number: float
-    slope: tuple[float, ...]
-    centre: tuple[float, float, float]
-
-    def __call__(self, x: FloatArray) -> FloatArray:
-        return self.number + np.array(self.slope) @ (x - np.array(self.centre)[:, None])
-
-
-@dataclass(frozen=True)
 class RigidMotion(Dirichlet):
     """Prescribed motion of a surface, a curve or a vertex as a rigid body, in all three components.
 
@@ -140,12 +129,15 @@ class RigidMotion(Dirichlet):
         for name in ("translation", "rotation", "centre"):
             what = f"the {name} of the rigid motion of {shown(self.where)}"
             object.__setattr__(self, name, check_vector(what, getattr(self, name)))
-        turned = np.cross(self.rotation, np.eye(3))
-        for index, (component, number) in enumerate(zip(COMPONENTS, self.translation)):
-            slope = tuple(map(float, turned[:, index]))
-            value = _OfMotion(number, slope, self.centre) if any(slope) else number
+        for component, number, slope in zip(COMPONENTS, self.translation, np.cross(self.rotation, np.eye(3)).T):
+            value = partial(_of_motion, number, np.array(slope), self.centre) if slope.any() else number
             object.__setattr__(self, component, value)
         super().__post_init__()
+
+
+def _of_motion(number: float, slope: FloatArray, centre: Sequence[float], x: FloatArray) -> FloatArray:
+    """A component (n,) of a rigid motion at positions (3, n) [m]: a number plus slope . (x - centre)."""
+    return number + slope @ (x - np.array(centre)[:, None])
 
 
 def merged(
