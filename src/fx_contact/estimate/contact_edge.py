@@ -14,6 +14,7 @@ import numpy as np
 
 from fx_contact.contact.constraint_rows import RowKind
 from fx_contact.estimate.solved_state import SolvedState
+from fx_contact.geometry import hexahedron
 from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
 
 #: As above [-].
@@ -66,11 +67,7 @@ class ContactEdge:
         """Leaf (m,), corner nodes (m, 4), and force over the number of open corners (m,) [N] of the parts of a kind."""
         rows, forest, space = self._rows, state.forest, self._rows.prolongation.space
         leaf, face = kind.facets(forest)
-        side = space.degree + 1
-        square = space.on_faces(leaf, face).reshape(len(leaf), side, side)
-        corners = np.stack([square[:, :-1, :-1], square[:, :-1, 1:], square[:, 1:, :-1], square[:, 1:, 1:]], axis=-1)
-        corners = corners.reshape(len(leaf), space.degree**2, 4)
-
+        corners = space.on_faces(leaf, face)[:, hexahedron.subcells(space.degree, 2)]
         active = state.solution.active
         nodal = rows.at_nodes(kind.index, np.column_stack([state.solution.pressure, active, ~active]))[corners]
         pressure, closed, left = np.maximum(nodal, 0.0).sum(axis=2).transpose(2, 0, 1)  # hanging nodes extrapolate
