@@ -24,7 +24,8 @@ class Precedence:
     """
 
     def __init__(self, scene: Scene, prolongation: Prolongation, index: int) -> None:
-        across, ties, every = prolongation.zeros(9), scene.couplings[:-1], np.arange(len(scene.interfaces))
+        across, every = prolongation.zeros(9), np.arange(len(scene.interfaces))
+        ties = np.array([interface.EQUALITY for interface in scene.interfaces])
         rank = np.where(ties, every, every + len(every))
         before = (every != index) & ((rank < rank[index]) | ~np.isin(every, list(scene.pairing.nonmatching)))
         _add_conditions(scene, prolongation, across)

@@ -26,7 +26,7 @@ from fx_contact.items.rigid_loads import RigidLoad
 from fx_contact.items.stress_free_strains import InitialStrain, ThermalStrain
 from fx_contact.items.ties import Preload, Tie
 from fx_contact.items.units import Units
-from fx_contact.parallel.arrays import BoolArray, FloatArray, Int64Array, IntArray
+from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 from fx_contact.scene.held_loads import held_share, held_stiffness
 from fx_contact.scene.mirrors import Mirrors, PlaneSurface, mirrors_of, symmetry_planes
 from fx_contact.scene.rigid_faces import RigidFace, rigid_face
@@ -99,11 +99,6 @@ class SceneItems:
     def interfaces(self) -> tuple[Contact, ...]:
         """`contact`, with the same indices, then `ties`, then `rigid_faces`: all have surfaces and rows."""
         return (*self.contact, *self.ties, *self.rigid_faces)
-
-    @property
-    def couplings(self) -> BoolArray:
-        """(n + 1,), which of n `interfaces` are equations: ties and rigid faces; at last False, for the index -1."""
-        return np.array([*(interface.EQUALITY for interface in self.interfaces), False])
 
     @cached_property
     def rigid_faces(self) -> tuple[RigidFace, ...]:

@@ -51,17 +51,15 @@ def _large_rotations(scene: Scene) -> Iterator[ModelWarning]:
             yield ModelWarning("large rotation", angle, LARGE, condition.where, message)
 
 
-def _held_loads(scene: Scene) -> list[ModelWarning]:
+def _held_loads(scene: Scene) -> Iterator[ModelWarning]:
     """Surface forces and elastic supports of which a part acts on prescribed displacements of its surface."""
-    message = (
-        "{} acts by {:.0%} on displacements that conditions on its surface prescribe, where it moves nothing; limit "
-        "{:.0%}: name surfaces apart, or leave that part out"
-    )
-    return [
-        ModelWarning("held load", share, MISSED, load.surface, message.format(load.what, share, MISSED))
-        for load, share in zip((*scene.tractions, *scene.springs), scene.held_shares)
-        if share > MISSED
-    ]
+    for load, share in zip((*scene.tractions, *scene.springs), scene.held_shares):
+        if share > MISSED:
+            message = (
+                f"{load.what} acts by {share:.0%} on displacements that conditions on its surface prescribe, where "
+                f"it moves nothing; limit {MISSED:.0%}: name surfaces apart, or leave that part out"
+            )
+            yield ModelWarning("held load", share, MISSED, load.surface, message)
 
 
 def _zero_loads(scene: Scene) -> Iterator[ModelWarning]:

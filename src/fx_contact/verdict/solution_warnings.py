@@ -263,17 +263,16 @@ def _oblique(state: SolvedState, rows: ConstraintRows) -> Iterator[ModelWarning]
             yield ModelWarning("oblique direction", missed, MISSED, pair.name, message)
 
 
-def _uncovered_ties(scene: Scene) -> list[ModelWarning]:
+def _uncovered_ties(scene: Scene) -> Iterator[ModelWarning]:
     """Ties of which a large part of the smaller surface faces nothing."""
-    ties = {i: surfaces.uncovered for i, surfaces in scene.nonmatching.items() if scene.couplings[i]}
-    message = "{}: {:.0%} of the area of {!r} faces nothing and is free, limit {:.0%}; name what is glued"
-    return [
-        ModelWarning(
-            "uncovered", part, UNCOVERED, name, message.format(scene.interfaces[index].label, part, name, UNCOVERED)
-        )
-        for index, (part, name) in ties.items()
-        if part > UNCOVERED
-    ]
+    ties = {i: surfaces.uncovered for i, surfaces in scene.nonmatching.items() if scene.interfaces[i].EQUALITY}
+    for index, (part, name) in ties.items():
+        if part > UNCOVERED:
+            message = (
+                f"{scene.interfaces[index].label}: {part:.0%} of the area of {name!r} faces nothing and is free, "
+                f"limit {UNCOVERED:.0%}; name what is glued"
+            )
+            yield ModelWarning("uncovered", part, UNCOVERED, name, message)
 
 
 def _unresolved_loads(state: SolvedState, load_totals: FloatArray) -> Iterator[ModelWarning]:
