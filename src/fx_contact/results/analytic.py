@@ -97,13 +97,9 @@ class HertzEllipse:
 
         k solves R_D(0, 1, k^2) / R_D(0, k^2, 1) = R / R', where R' is the smaller radius.
         """
-        least, most = sorted(self.radii)
-        k = scipy.optimize.brentq(
-            lambda k: least * scipy.special.elliprd(0, 1, k * k) - most * scipy.special.elliprd(0, k * k, 1),
-            1e-6,
-            1.0,
-        )
-        a = float(np.cbrt(self.force * scipy.special.elliprd(0, k * k, 1) * most / (np.pi * self.modulus)))
+        (least, most), carlson = sorted(self.radii), scipy.special.elliprd
+        k = scipy.optimize.brentq(lambda k: least * carlson(0, 1, k * k) - most * carlson(0, k * k, 1), 1e-6, 1.0)
+        a = float(np.cbrt(self.force * carlson(0, k * k, 1) * most / (np.pi * self.modulus)))
         return (k * a, a) if self.radii[0] < self.radii[1] else (a, k * a)
 
     @property
