@@ -42,9 +42,8 @@ def projected_stress(
     result, test = fem.Function(space, name="stress"), ufl.TestFunction(space)
     stress = ufl.as_vector(six(elasticity.stress(field)))
     with stages("compile"):
-        moments, products = (
-            compiled(comm, ufl.inner(function, test) * elasticity.measure()) for function in (stress, result)
-        )
+        forms = [ufl.inner(function, test) * elasticity.measure() for function in (stress, result)]
+        moments, products = (compiled(comm, form) for form in forms)
 
     def mass(nodal: FloatArray) -> FloatArray:
         """Moments of conforming values (owned, layers, 6)."""
