@@ -74,10 +74,8 @@ class _Facets:
     def __init__(self, kind: RowKind, space: Space, leaf: Int64Array, face: Int64Array, nodal: FloatArray) -> None:
         forest, degree = space.forest, space.degree
         parts = 2 * ((max(forest.mesh.order, degree + 1) + 1) // 2)  # even, for Simpson's rule
-        line = np.linspace(0, 1, parts + 1, dtype=np.float64)
-        bilinear, self._shape = (_tensor(hexahedron.lagrange(order, line)) for order in (1, degree))
-        ends = np.linspace(0, 1, degree + 1)
-        self._linear = _tensor(np.stack([np.interp(line, ends, row) for row in np.eye(degree + 1)], axis=1))
+        bilinear, self._shape = (hexahedron.face_interpolation(order, parts) for order in (1, degree))
+        self._linear = hexahedron.bilinear_interpolation(degree, parts)
         nodes = np.arange(degree + 1) * parts // degree
         self._nodes = ((parts + 1) * nodes[:, None] + nodes).ravel()  # among the points
         self._simpson = _simpson(parts + 1)
@@ -118,7 +116,7 @@ class _Facets:
     def _least(self, facets: Int64Array) -> FloatArray:
         """The least gap (k,) [m] of facets (k,) on a grid on each."""
         side = int(np.sqrt(self._apart.shape[1]))
-        finer = _tensor(hexahedron.lagrange(side - 1, np.linspace(0, 1, self._kind.PARTS + 1)))
+        finer = hexahedron.face_interpolation(side - 1, self._kind.PARTS)
         least = np.empty(len(facets))
         for start in range(0, len(least), _CHUNK):
             some = facets[start : start + _CHUNK]
@@ -150,16 +148,12 @@ def _continued(nodal: FloatArray) -> FloatArray:
     return np.where(share != 0, values, mean)
 
 
-def _tensor(line: FloatArray) -> FloatArray:
-    """Functions on a facet, first coordinate fastest, as products of functions (points, nodes) on a line."""
-    return np.asarray(np.kron(line, line), np.float64)
-
-
 def _simpson(count: int) -> FloatArray:
     """Simpson's rule on a facet of area 1, for so many points a side, an odd number: (count^2,)."""
     weights = np.ones(count)
     weights[1:-1:2], weights[2:-1:2] = 4, 2
-    return _tensor(weights / (3 * (count - 1)))
+    weights /= 3 * (count - 1)
+    return np.asarray(np.kron(weights, weights), dtype=np.float64)
 
 
 def _touched(prolongation: Prolongation, cells: IntArray, closed: IntArray) -> BoolArray:

@@ -111,6 +111,19 @@ def lagrange_derivative(order: int, x: npt.ArrayLike) -> FloatArray:
     return (np.asarray(x)[..., None] ** (powers - 1) * powers) @ monomials[1:]
 
 
+def face_interpolation(order: int, pieces: int) -> FloatArray:
+    """Values at the lattice of a face in k x k pieces from those at its nodes: ((k+1)^2, (p+1)^2)."""
+    edge = lagrange(order, np.linspace(0, 1, pieces + 1))
+    return np.asarray(np.kron(edge, edge), dtype=np.float64)
+
+
+def bilinear_interpolation(order: int, pieces: int) -> FloatArray:
+    """As `face_interpolation`, bilinear between neighbouring nodes, which keeps values positive."""
+    at, nodes = np.linspace(0, 1, pieces + 1), np.linspace(0, 1, order + 1)
+    hats = np.stack([np.interp(at, nodes, unit) for unit in np.eye(order + 1)], axis=1)
+    return np.kron(hats, hats)
+
+
 @cache
 def child_interpolation(order: int) -> FloatArray:
     """Matrices from the nodal values of a cell to those of each child: (8, (p+1)^3, (p+1)^3), exact."""

@@ -16,7 +16,7 @@ from fx_contact.parallel.arrays import FloatArray, Int64Array
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
 from fx_contact.plot import canvas, surfaces
-from fx_contact.results.contact_surface import contact_faces, face_interpolation, nodal_values
+from fx_contact.results.contact_surface import contact_faces, nodal_values
 
 #: Fields on the surfaces, and their names in the picture.
 _FIELDS = {"pressure": "contact pressure", "stress": "von Mises stress"}
@@ -165,27 +165,17 @@ def _on_faces(
 ) -> tuple[FloatArray, FloatArray]:
     """Displaced points of faces and the field there: (m, (k+1)^2, 3) and (m, (k+1)^2), k = `PIECES`.  Collective."""
     degree = step.record.degree
-    finer = face_interpolation(degree, surfaces.PIECES)
+    finer = hexahedron.face_interpolation(degree, surfaces.PIECES)
     on_face = leaf[:, None], hexahedron.face_nodes(degree)[face]
     if field == "pressure":
         nodal = nodal_values(step)[:, 3][step.elasticity.prolongation.space.on_faces(leaf, face)]
         on_contact = np.zeros((len(step.forest), 6))
         on_contact[contact_faces(step)] = 1  # other faces may have closed nodes at an edge
-        values = on_contact[leaf, face, None] * (nodal @ bilinear(degree).T)
+        values = on_contact[leaf, face, None] * (nodal @ hexahedron.bilinear_interpolation(degree, surfaces.PIECES).T)
     else:
         values = von_mises(step.nodal_stress[on_face]) @ finer.T
     points = surfaces.face_points(step.forest, leaf, face)
     return points + factor * (finer @ step.nodal_displacement[on_face]), values
-
-
-def bilinear(degree: int) -> FloatArray:
-    """Bilinear interpolation between the nodes of a face, which keeps the pressure positive: ((k+1)^2, (p+1)^2).
-
-    Local.
-    """
-    at, nodes = np.linspace(0, 1, surfaces.PIECES + 1), np.linspace(0, 1, degree + 1)
-    hats = np.stack([np.interp(at, nodes, unit) for unit in np.eye(degree + 1)], axis=1)
-    return np.kron(hats, hats)
 
 
 def _outward(mesh: RootMesh) -> FloatArray:

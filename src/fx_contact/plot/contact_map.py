@@ -13,7 +13,6 @@ from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.meeting import collective
 from fx_contact.parallel.validation import check_name, check_number
 from fx_contact.plot import canvas, surfaces
-from fx_contact.plot.bodies import bilinear
 from fx_contact.results.contact_surface import nodal_values
 from fx_contact.verdict.contact_figures import AXIS
 
@@ -103,7 +102,8 @@ def _first_surfaces(step: Step) -> tuple[Int64Array, Int64Array, FloatArray, Boo
 
 def _values(step: Step, leaf: Int64Array, face: Int64Array, field: str) -> FloatArray:
     """A field at the points of faces (m, (k+1)^2); the status of their pieces (m, k^2).  Collective."""
-    nodal = bilinear(step.record.degree) @ nodal_values(step)[step.elasticity.prolongation.space.on_faces(leaf, face)]
+    between = hexahedron.bilinear_interpolation(step.record.degree, surfaces.PIECES)
+    nodal = between @ nodal_values(step)[step.elasticity.prolongation.space.on_faces(leaf, face)]
     if field == "pressure":
         return np.asarray(nodal[..., 3])
     if field == "traction":

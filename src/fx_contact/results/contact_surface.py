@@ -36,8 +36,9 @@ def contact_grid(step: Step) -> Any:
     leaf, face = contact_faces(step)
     turn = _vtk_order(order)
     on_face = np.arange(len(leaf))[:, None], hexahedron.face_nodes(leaf_order)[face]
-    points = face_interpolation(leaf_order, order)[turn] @ leaf_positions(forest, leaf, leaf_order)[on_face]
-    nodal = face_interpolation(degree, order)[turn] @ nodal_values(step)[space.on_faces(leaf, face)]
+    geometry, functions = (hexahedron.face_interpolation(known, order)[turn] for known in (leaf_order, degree))
+    points = geometry @ leaf_positions(forest, leaf, leaf_order)[on_face]
+    nodal = functions @ nodal_values(step)[space.on_faces(leaf, face)]
     cells = np.insert(np.arange(points.size // 3).reshape(len(leaf), len(turn)), 0, len(turn), axis=1)
     kinds = np.full(len(leaf), pyvista.CellType.LAGRANGE_QUADRILATERAL)
     grid = pyvista.UnstructuredGrid(cells.ravel(), kinds, points.reshape(-1, 3))
@@ -72,12 +73,6 @@ def contact_faces(step: Step) -> tuple[Int64Array, Int64Array]:
     leaf, face = forest.contact_faces()
     touches = forest.contact_surfaces.on(range(len(step.scene.contact)))[forest.cell[leaf], face]
     return leaf[touches], face[touches]
-
-
-def face_interpolation(order: int, finer: int) -> FloatArray:
-    """Values at the nodes of a facet of another order: ((finer+1)^2, (order+1)^2).  Local."""
-    edge = hexahedron.lagrange(order, np.linspace(0, 1, finer + 1))
-    return np.asarray(np.kron(edge, edge), dtype=np.float64)
 
 
 def nodal_values(step: Step) -> FloatArray:
