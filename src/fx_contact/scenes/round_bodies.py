@@ -1,10 +1,9 @@
 """Round bodies: columns with facing ends, height above the tangent plane, geometric error relative to the approach."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from fx_contact.geometry.leaf_facets import CORNERS
 from fx_contact.geometry.root_facets import RootFacets
@@ -19,31 +18,38 @@ ROUND_ENOUGH = 0.05
 
 
 def columns_mesh(
-    order: int,
-    cells: Sequence[int],
-    depth: float,
-    end: str,
-    place: Callable[[str, FloatArray], Sequence[npt.ArrayLike] | FloatArray],
+    order: int, cells: Sequence[int], end: str, side: float, curvatures: FloatArray, length: float | None = None
 ) -> RootMesh:
-    """Root mesh of two columns 0.5 x depth x 1 along z that meet in the plane z = 0, with cells along x, y, z.
+    """Root mesh of two columns along z with round ends that touch in the origin, with cells along x, y, z.
 
     Local.  The bodies are "lower" and "upper", the surfaces "bottom", "top", "lower END", "upper END", "x = 0", "y = 0"
     and "y = length".
 
     Args:
-        place: maps the name of a body and points (3, n) [-] of it to their positions [m].
+        side: height of each column, twice its width [m].
+        curvatures: (2,), 1/R of the lower and the upper end, as of `sagitta` [1/m].
+        length: of cylindrical ends along y [m]; None: spherical ones, of columns as deep as wide.
 
     Raises:
         SceneError, GeometryError: as `block`, `Shape.placed` and `RootMesh`.
     """
+    scale = np.array([side, side if length is None else length, side])
+    depth, across = (0.5, 2) if length is None else (1.0, 1)
+
+    def place(bend: float, x: FloatArray) -> FloatArray:
+        """Map from boxes to bodies: layers bend towards the contact, the flat faces stay flat."""
+        placed = scale[:, None] * x
+        placed[2] += sagitta((placed[:across] ** 2).sum(axis=0), bend) * (1 - np.abs(x[2]))
+        return placed
+
     bodies = {
-        name: block((0.0, 0.0, low), (0.5, depth, low + 1.0), cells, order).placed(partial(place, name))
-        for name, low in (("lower", -1.0), ("upper", 0.0))
+        name: block((0.0, 0.0, low), (0.5, depth, low + 1.0), cells, order).placed(partial(place, bend))
+        for name, low, bend in (("lower", -1.0, -curvatures[0]), ("upper", 0.0, curvatures[1]))
     }
     surfaces: dict[str, str | list[str]] = {"bottom": "lower bottom", "top": "upper top"}
     surfaces |= {f"lower {end}": "lower top", f"upper {end}": "upper bottom"}
-    for plane, side in (("x = 0", "left"), ("y = 0", "front"), ("y = length", "back")):
-        surfaces[plane] = [f"{body} {side}" for body in bodies]
+    for plane, wall in (("x = 0", "left"), ("y = 0", "front"), ("y = length", "back")):
+        surfaces[plane] = [f"{body} {wall}" for body in bodies]
     return root_mesh_from_shapes(bodies, surfaces)
 
 

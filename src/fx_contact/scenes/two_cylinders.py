@@ -7,10 +7,9 @@ import numpy as np
 from fx_contact.items.boundary_conditions import Dirichlet, SymmetryPlane
 from fx_contact.items.contact import ContactPair
 from fx_contact.items.materials import Material
-from fx_contact.parallel.arrays import FloatArray
 from fx_contact.scene.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
-from fx_contact.scenes.round_bodies import columns_mesh, sagitta
+from fx_contact.scenes.round_bodies import columns_mesh
 
 
 def cylinders(
@@ -37,18 +36,11 @@ def cylinders(
     """
     lengths = dict(zip(("radius of the lower cylinder", "radius of the upper"), radii)) | {"length": length}
     check_arguments(order, coarse, lengths, {"displacement": displacement}, least_order=2)
-    side = min(radii)
-
-    def place(body: str, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Map from boxes to cylinders: layers bend towards the contact, the flat faces stay flat."""
-        curvature = -1 / radii[0] if body == "lower" else 1 / radii[1]
-        height = side * x[2] + sagitta((side * x[0]) ** 2, curvature) * (1 - np.abs(x[2]))
-        return side * x[0], length * x[1], height
-
+    curvatures = 1 / np.array(radii, dtype=np.float64)
     planes = tuple(SymmetryPlane(name) for name in ("x = 0", "y = 0", "y = length"))
     return Scene(
         name="cylinders",
-        mesh=columns_mesh(order, (coarse, 1, 2 * coarse), 1.0, "face", place),
+        mesh=columns_mesh(order, (coarse, 1, 2 * coarse), "face", min(radii), curvatures, length),
         materials={"lower": lower, "upper": upper},
         dirichlet=(Dirichlet("bottom", z=0.0), Dirichlet("top", z=-float(displacement)), *planes),
         contact=(ContactPair("lower face", "upper face", direction=(0.0, 0.0, 1.0)),),

@@ -7,11 +7,10 @@ import numpy as np
 from fx_contact.items.boundary_conditions import Dirichlet, SymmetryPlane
 from fx_contact.items.contact import ContactPair
 from fx_contact.items.materials import Material
-from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.scene.scene import Scene
 from fx_contact.scenes.arguments import check_arguments
-from fx_contact.scenes.round_bodies import check_roundness, columns_mesh, sagitta
+from fx_contact.scenes.round_bodies import check_roundness, columns_mesh
 
 
 def spheres(
@@ -38,7 +37,7 @@ def spheres(
     """
     if 0 in radii:
         raise SceneError(f"radii must be two numbers but 0, infinity for a flat end, got {tuple(radii)}")
-    curvature: FloatArray = 1 / np.array(radii, dtype=np.float64)
+    curvature = 1 / np.array(radii, dtype=np.float64)
     if not curvature.sum() > 0:
         raise SceneError(f"ends of radii {tuple(radii)} do not touch in one point: 1/R1 + 1/R2 must be positive")
     radius = 1 / np.abs(curvature).max()
@@ -46,14 +45,7 @@ def spheres(
     check_arguments(order, coarse, {"radius": radius, "side": side}, {"displacement": displacement})
     if side / radius >= np.sqrt(2):
         raise SceneError(f"a column of side {side} has no end of radius {radius}: take a smaller side")
-
-    def place(body: str, x: FloatArray) -> FloatArray:
-        """Map from boxes to bodies: layers bend towards the contact, the flat faces stay flat."""
-        placed, bend = side * x, -curvature[0] if body == "lower" else curvature[1]
-        placed[2] += sagitta(placed[0] ** 2 + placed[1] ** 2, bend) * (1 - np.abs(x[2]))
-        return placed
-
-    mesh = columns_mesh(order, (coarse,) * 3, 0.5, "end", place)
+    mesh = columns_mesh(order, (coarse,) * 3, "end", side, curvature)
     contact_radius = np.sqrt(max(displacement, 0.0) / curvature.sum())  # Hertz: a^2 = R* delta
     for end, bend, sign in (("lower end", curvature[0], -1), ("upper end", curvature[1], 1)):
         if bend:
