@@ -49,14 +49,14 @@ class ElementResidual:
             self._residual, stiffness = Integral(comm, residual * dx, [u]), compiled(comm, energy * dx)
         self._stiffness = fem.assemble_matrix(stiffness).data.reshape(-1, 9, 9)
 
-    def of(self, field: DisplacementField, loaded: bool = True) -> FloatArray:
-        """The right-hand side r of each cell, with the body force if it is loaded: (ncells, 9) [J/m].  Local."""
-        self._loaded.value = float(loaded)
-        return self._residual.vector(field).reshape(-1, 9)
+    def of(self, field: DisplacementField, loaded: bool = True) -> tuple[FloatArray, FloatArray]:
+        """The right-hand side r of each cell, with the body force if it is loaded, and the coefficients of e_T.
 
-    def solved(self, residual: FloatArray) -> FloatArray:
-        """The coefficients (ncells, 9) [m] of e_T; r . e_T is xi_T^2 [J].  Local."""
-        return np.linalg.solve(self._stiffness, residual[:, :, None])[:, :, 0]
+        Local.  r (ncells, 9) [J/m] and e_T (ncells, 9) [m]; r . e_T is xi_T^2 [J].
+        """
+        self._loaded.value = float(loaded)
+        residual = self._residual.vector(field).reshape(-1, 9)
+        return residual, np.linalg.solve(self._stiffness, residual[:, :, None])[:, :, 0]
 
 
 def _bubbles(mesh: Mesh, degree: int) -> fem.Function:

@@ -116,8 +116,7 @@ class Estimator:
         squares, energy = np.maximum(self._energies.vector(field, stress).reshape(-1, 2), 0).T
         squares = squares[None]
         if self._residual is not None:
-            residual = self._residual.of(field, loaded)
-            bubbles = self._residual.solved(residual)
+            residual, bubbles = self._residual.of(field, loaded)
             squares = np.stack([squares[0], (residual * bubbles).sum(axis=1)])
         error2 = squares.max(axis=0)
         total = self._comm.allreduce(np.array([error2.sum(), energy.sum(), len(error2)]), op=MPI.SUM)
