@@ -11,6 +11,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
+from ufl.core.expr import Expr
 
 from fx_contact.estimate.element_residual import ElementResidual
 from fx_contact.estimate.shear_free import ShearFree
@@ -81,11 +82,7 @@ class Estimator:
     """
 
     def __init__(
-        self,
-        elasticity: Elasticity,
-        shear_free: ShearFree,
-        stages: Stages,
-        body_force: ufl.core.expr.Expr | None = None,
+        self, elasticity: Elasticity, shear_free: ShearFree, stages: Stages, body_force: Expr | None = None
     ) -> None:
         self._elasticity, self._comm, self._stages = elasticity, elasticity.prolongation.comm, stages
         self._recovery = StressRecovery(elasticity, shear_free, stages)
@@ -151,14 +148,12 @@ class Estimator:
             result = np.where(recovered >= residual, result, (one.residual * other.bubbles).sum(axis=1))
         return result
 
-    def _off(self, field: DisplacementField, stress: fem.Function) -> ufl.core.expr.Expr:
+    def _off(self, field: DisplacementField, stress: fem.Function) -> Expr:
         """sigma* - sigma_h."""
         recovered = ufl.as_matrix([[stress[component] for component in row] for row in TENSOR])
         return recovered - self._elasticity.stress(field)
 
-    def _compiled(
-        self, densities: list[ufl.core.expr.Expr], arguments: Sequence[DisplacementField | fem.Function]
-    ) -> Integral:
+    def _compiled(self, densities: list[Expr], arguments: Sequence[DisplacementField | fem.Function]) -> Integral:
         """Integrals of densities over each cell."""
         test = ufl.TestFunction(fem.functionspace(self._elasticity.mesh, ("DG", 0, (len(densities),))))
         with self._stages("compile"):
