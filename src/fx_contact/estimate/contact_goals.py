@@ -47,10 +47,7 @@ def force_goals(names: Sequence[str], forces: Sequence[float], tolerance: float)
 
 
 def contact_error(
-    state: SolvedState,
-    between: GapBetweenNodes | None,
-    forces: dict[int, JudgedGoal],
-    of_user: Sequence[JudgedGoal] = (),
+    state: SolvedState, between: GapBetweenNodes | None, forces: dict[int, JudgedGoal], of_user: Sequence[JudgedGoal]
 ) -> ContactError:
     """The errors of contact in a step, and the leaves to refine for contact and goals.
 
