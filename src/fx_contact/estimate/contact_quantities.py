@@ -222,12 +222,8 @@ class MaxPressure(OfPair):
         weight = area / (state.forest.comm.allreduce(float(area.sum())) or 1.0)
         share = rows.pressure_weights(solution.force, weight)
         change = np.abs(pressure_change(rows, solution.pressure))
-        return Functional(
-            value,
-            value,
-            penetration=np.where(solution.active, share, 0.0),
-            local=np.where(ours, np.maximum(solution.pressure + change - value, 0.0), 0.0),
-        )
+        local = np.where(ours, np.maximum(solution.pressure + change - value, 0.0), 0.0)
+        return Functional(value, value, penetration=np.where(solution.active, share, 0.0), local=local)
 
 
 def _one(comm: MPI.Intracomm, rows: ConstraintRows, some: BoolArray, value: FloatArray) -> FloatArray:

@@ -98,9 +98,8 @@ class FaceMotion(Motion):
 
     def rates(self, normals: FloatArray, positions: FloatArray) -> FloatArray:
         """As `Motion.rates`."""
-        return -self.basis.T @ np.einsum(
-            "mni,ni->mn", rigid_displacements(positions, self.centroid, self.size), normals
-        )
+        displacements = rigid_displacements(positions, self.centroid, self.size)
+        return -self.basis.T @ np.einsum("mni,ni->mn", displacements, normals)
 
     def entry(self, t: FloatArray) -> list[float]:
         """(t, r) of the load's point, six numbers [m], [rad]."""

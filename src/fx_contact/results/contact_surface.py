@@ -62,9 +62,8 @@ def _vtk_order(order: int) -> Int64Array:
     """Nodes of a facet, first tangent fastest, in the order of VTK: corners, sides around, inner ones."""
     grid = np.arange((order + 1) ** 2).reshape(order + 1, order + 1)
     corners = grid[[0, 0, -1, -1], [0, -1, -1, 0]]
-    return np.concatenate(
-        [corners, grid[0, 1:-1], grid[1:-1, -1], grid[-1, 1:-1], grid[1:-1, 0], grid[1:-1, 1:-1].ravel()]
-    )
+    sides = grid[0, 1:-1], grid[1:-1, -1], grid[-1, 1:-1], grid[1:-1, 0]
+    return np.concatenate([corners, *sides, grid[1:-1, 1:-1].ravel()])
 
 
 def contact_faces(step: Step) -> tuple[Int64Array, Int64Array]:

@@ -75,9 +75,8 @@ class Scene(SceneItems):
         if self.contact_centre is not None:
             check_vector("contact_centre", self.contact_centre)
         materials = self.materials if isinstance(self.materials, Mapping) else {}
-        if {*materials} != {*mesh.regions} or not all(
-            isinstance(m, (Material, Orthotropic)) for m in materials.values()
-        ):
+        are_materials = all(isinstance(material, Material | Orthotropic) for material in materials.values())
+        if {*materials} != {*mesh.regions} or not are_materials:
             meant = "".join(nearest(name, mesh.regions) for name in materials if name not in mesh.regions)
             raise SceneError(
                 f"materials must be a dict with a Material for each of {mesh.regions}, got {shown(self.materials)}"
