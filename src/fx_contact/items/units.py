@@ -12,16 +12,8 @@ Units: TypeAlias = tuple[str, str] | None
 #: Units of length with their value [m], of stress [Pa], and of force, stress times the square of length, by value [N].
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254, "ft": 0.3048}
 _FORCES = {1.0: "N", 1e3: "kN", 1e6: "MN", 1e9: "GN", 4.448: "lbf"}
-_STRESSES = {
-    "Pa": 1.0,
-    "kPa": 1e3,
-    "MPa": 1e6,
-    "N/mm²": 1e6,
-    "N/mm^2": 1e6,
-    "GPa": 1e9,
-    "psi": 6895.0,
-    "ksi": 6.895e6,
-}
+_STRESSES = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "psi": 6895.0, "ksi": 6.895e6}
+_STRESSES |= dict.fromkeys(("N/mm²", "N/mm^2"), _STRESSES["MPa"])
 
 
 def pascals(units: Units) -> float:
