@@ -64,11 +64,9 @@ def sum_up(state: SolvedState, residual: FloatArray, totals: FloatArray, centre:
         totals: (k, nbodies, 6), of the loads on this rank's leaves, as from `load_and_totals`.
         centre: (3,), the point of moments, on all mirrors of the scene [m].
     """
-    scene = state.scene
+    scene, elasticity = state.scene, state.elasticity
     # Entries x bodies x (force, moment).
-    on_first, on_second = _of_interfaces(state, centre)
-    reactions, elasticity = _of_conditions(state, residual, centre), state.elasticity
-    parts = [on_first, on_second, _about(centre, totals), reactions]
+    parts = [*_of_interfaces(state, centre), _about(centre, totals), _of_conditions(state, residual, centre)]
     if elasticity.springs is not None:
         parts.append(_about(centre, elasticity.springs.totals(elasticity.at_leaves(state.field.function))))
     sums = state.forest.comm.allreduce(np.concatenate(parts))
