@@ -11,11 +11,10 @@ from fx_contact.parallel.errors import OutputError, writing
 from fx_contact.parallel.mpi import together
 
 
-def write_grid(comm: MPI.Intracomm, path: Path, grid: Any) -> Path:
+def write_grid(comm: MPI.Intracomm, path: Path, grid: Any) -> None:
     """Write this rank's grid into X.vtu, on several ranks into X_RANK.vtu with X.pvtu, which lists them all.
 
-    Collective on comm.  All grids have the same arrays.  Returns the path of X.vtu or X.pvtu.
-    Raises OutputError if a file cannot be written.
+    Collective on comm.  All grids have the same arrays.  Raises OutputError if a file cannot be written.
 
     Args:
         path: X, in a folder that is made if it is not there; files of an earlier call are removed.
@@ -40,7 +39,6 @@ def write_grid(comm: MPI.Intracomm, path: Path, grid: Any) -> Path:
             raise OutputError(
                 f"cannot write {str(piece)!r}: is there space on the disk? Or name another output folder"
             )
-    return piece if comm.size == 1 else path.with_suffix(".pvtu")
 
 
 def _pieces(path: Path) -> list[Path]:
