@@ -90,9 +90,7 @@ def placed_obstacles(step: Step, factor: float) -> list[FloatArray]:
 
 def _way_inside(rows: ConstraintRows, kind: RowKind, pair: ContactPair) -> FloatArray:
     """The end of an obstacle's way (3,), on which it penetrates the undeformed body [m].  Collective."""
-    along = np.array(pair.moved, dtype=np.float64)
-    if pair.force is not None and pair.unit_direction is not None:
-        along = -pair.unit_direction
+    along = np.array(pair.moved if pair.force is None else pair.force, dtype=np.float64)
     along = along / (np.linalg.norm(along) or 1.0)
     ours = rows.contact == kind.index
     rate, depth = -rows.normal[ours] @ along, -rows.gap[ours]
