@@ -90,9 +90,8 @@ class Estimator:
         sigma, off = elasticity.stress(elasticity.argument), self._off(*self._arguments)
         self._energies = self._compiled([elasticity.work(off, off), elasticity.work(sigma, sigma)], self._arguments)
         self._product: Integral | None = None
-        self._residual = None
-        if elasticity.prolongation.space.degree % 2 == 0:
-            self._residual = ElementResidual(elasticity, body_force, stages)
+        even = elasticity.prolongation.space.degree % 2 == 0
+        self._residual = ElementResidual(elasticity, body_force, stages) if even else None
 
     def error(
         self, field: DisplacementField, noise: float = 0.0, loaded: bool = True, least: float = 0.0
