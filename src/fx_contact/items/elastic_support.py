@@ -36,12 +36,11 @@ class Elastic(Placed):
 
     def __post_init__(self) -> None:
         check_label("the surface of an elastic support", self.surface)
-        given = {"normal": self.normal, "x": self.x, "y": self.y, "z": self.z}
-        if all(value is None for value in given.values()):
+        given = {name: value for name, value in vars(self).items() if name != "surface" and value is not None}
+        if not given:
             raise SceneError(f"{self.what} has no stiffness: give normal, or some of x, y, z")
         for name, value in given.items():
-            if value is not None:
-                check_number(f"the stiffness {name} of {self.what}", value, positive=True)
+            check_number(f"the stiffness {name} of {self.what}", value, positive=True)
 
     @property
     def along_axes(self) -> FloatArray:
