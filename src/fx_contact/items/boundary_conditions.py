@@ -69,7 +69,7 @@ class Dirichlet:
         if not self.held.any():
             raise SceneError(f"the condition on {self.where!r} prescribes nothing: give x, y or z")
         for component, value in self._given:
-            _check(self._what(component), value, 1)
+            check_value(self._what(component), value, 1)
 
     @property
     def _given(self) -> list[tuple[int, ScalarValue]]:
@@ -242,7 +242,7 @@ class Traction(Placed):
     value: VectorValue
 
     def __post_init__(self) -> None:
-        _check(self.what, self.value, 3)
+        check_value(self.what, self.value, 3)
 
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Force per area (n, 3) [Pa] at points (n, 3) [m] with outward unit normals (n, 3); errors of `evaluated`."""
@@ -262,7 +262,7 @@ class Pressure(Placed):
     value: ScalarValue
 
     def __post_init__(self) -> None:
-        _check(self.what, self.value, 1)
+        check_value(self.what, self.value, 1)
 
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Force per area (n, 3) [Pa], as `Traction.at`."""
@@ -284,14 +284,14 @@ class BodyForce(Placed):
     value: VectorValue
 
     def __post_init__(self) -> None:
-        _check(self.what, self.value, 3)
+        check_value(self.what, self.value, 3)
 
     def at(self, points: FloatArray) -> FloatArray:
         """Force per volume (n, 3) [N/m^3] at points (n, 3) [m]; errors of `evaluated`."""
         return evaluated(self.what, self.value, points, 3)
 
 
-def _check(what: str, value: ScalarValue | VectorValue, components: int) -> None:
+def check_value(what: str, value: ScalarValue | VectorValue, components: int) -> None:
     """Raises SceneError unless a value is a function, or so many finite numbers."""
     if not is_function(what, value):
         check_number(what, value) if components == 1 else check_vector(what, value)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fx_contact.items.boundary_conditions import Placed, ScalarValue, TensorValue, evaluated
+from fx_contact.items.boundary_conditions import Placed, ScalarValue, TensorValue, check_value, evaluated
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_label, check_number, is_function, shown
@@ -40,8 +40,7 @@ class ThermalStrain(Placed):
     def __post_init__(self) -> None:
         check_label("the part of a thermal strain", self.part)
         object.__setattr__(self, "expansion", check_number(f"the expansion of {self.part!r}", self.expansion))
-        if not is_function(self.what, self.change):
-            check_number(self.what, self.change)
+        check_value(self.what, self.change, 1)
 
     @property
     def value(self) -> ScalarValue:
