@@ -85,8 +85,8 @@ def draw_bodies(
         )
         if pressed:
             values = np.where(values > 0, values, -1e-9 * highest)  # below the scale
-        scale = {"clim": (0, highest), "cmap": "viridis"}
-        _add_faces(plotter, points, values, obstacles, canvas.bar(), scale, "black" if pressed else "white", 0.4)
+        scale = {"clim": (0, highest), "cmap": "viridis", "scalar_bar_args": canvas.bar()}
+        _add_faces(plotter, points, values, obstacles, scale, "black" if pressed else "white", 0.4)
         canvas.look(plotter, _HIGHER)
         if zoom != 1:
             canvas.look_at(plotter, centre, plotter.camera.parallel_scale / zoom)
@@ -144,8 +144,8 @@ def add_numbers(
     """Add faces coloured by numbers at their points from 0, with their legend, and look at them.  Local."""
     count = max(int(numbers.max(initial=0)) + 1, 2)
     legend = canvas.bar(n_labels=count, fmt="%.0f") if count <= _LISTED else None
-    scale = {"clim": (0, count - 1), "cmap": _colours(word, count)}
-    _add_faces(plotter, faces, numbers, obstacles, legend, scale, "#202020")
+    scale = {"clim": (0, count - 1), "cmap": _colours(word, count), "scalar_bar_args": legend}
+    _add_faces(plotter, faces, numbers, obstacles, scale, "#202020")
     canvas.look(plotter, _EYE)
 
 
@@ -190,15 +190,14 @@ def _add_faces(
     points: FloatArray,
     values: npt.NDArray[Any],
     obstacles: Sequence[FloatArray],
-    legend: dict[str, Any] | None,
     scale: dict[str, Any],
     edges: str,
     opacity: float = 1.0,
 ) -> None:
     """Add faces coloured by values at their points, grey below the scale, lines around them, translucent obstacles."""
     surface, lines = surfaces.surface_of(points, values), surfaces.edges_of(points)
-    shown = {"show_scalar_bar": legend is not None, "ambient": 0.65, "diffuse": 0.4}
-    added = plotter.add_mesh(surface, scalars="value", scalar_bar_args=legend, **scale, **shown)
+    shown = {"show_scalar_bar": scale["scalar_bar_args"] is not None, "ambient": 0.65, "diffuse": 0.4}
+    added = plotter.add_mesh(surface, scalars="value", **scale, **shown)
     added.mapper.lookup_table.below_range_color = "#e8e8e8"
     nearer = lines.translate(1e-3 * surface.length / np.linalg.norm(_EYE) * _EYE)  # before the surface
     plotter.add_mesh(nearer, color=edges, opacity=opacity, line_width=1.5, lighting=False)
