@@ -148,8 +148,7 @@ class SceneItems:
         """Values of all conditions and loads: numbers, triples, or functions of position.  Local."""
         conditions = (value for c in self.conditions if isinstance(c, Dirichlet) for value in (c.x, c.y, c.z))
         loads = (load.value for load in (*self.tractions, *self.body_forces, *self.strains))
-        motions = (interface.motion for interface in self.interfaces)
-        forces = (value for motion in motions if motion is not None for value in motion.loads)
+        forces = (value for one in self.interfaces if one.motion is not None for value in one.motion.loads)
         closings = (tie.closing for tie in self.ties if isinstance(tie, Preload))
         return tuple(value for value in (*conditions, *loads, *forces, *closings) if value is not None)
 
