@@ -72,9 +72,8 @@ def _draw_pressure(axes: Any, table: ContactTable, record: StepRecord, exact: Kn
         traction = np.linalg.norm(table.traction, axis=1)
         for slips, name, mark in ((False, "stick", "s"), (True, "slip", "^")):
             some = near & table.active & (table.slipping == slips)
-            axes.plot(
-                radius[some] / scale, traction[some], mark, ms=4, color=_OF_STATUS[slips], label=f"traction, {name}"
-            )
+            look = {"ms": 4, "color": _OF_STATUS[slips], "label": f"traction, {name}"}
+            axes.plot(radius[some] / scale, traction[some], mark, **look)
     title = labelled("distance from the centre", "length", record.units)
     if exact:
         r, name = np.linspace(0, reach, 400, dtype=np.float64), getattr(exact, "name", "Hertz")
