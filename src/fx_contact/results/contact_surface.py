@@ -68,10 +68,8 @@ def _vtk_order(order: int) -> Int64Array:
 
 def contact_faces(step: Step) -> tuple[Int64Array, Int64Array]:
     """Leaves (m,) and their local faces (m,) on surfaces of contact, not of ties.  Local."""
-    forest = step.forest
-    leaf, face = forest.contact_faces()
-    touches = forest.contact_surfaces.on(range(len(step.scene.contact)))[forest.cell[leaf], face]
-    return leaf[touches], face[touches]
+    contacts = range(len(step.scene.contact))
+    return step.forest.boundary_faces(np.argwhere(step.forest.contact_surfaces.on(contacts)))
 
 
 def nodal_values(step: Step) -> FloatArray:
