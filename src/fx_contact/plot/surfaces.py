@@ -12,7 +12,7 @@ from fx_contact.adaptive.step import Step
 from fx_contact.contact.constraint_rows import ConstraintRows, RowKind
 from fx_contact.fem.leaf_mesh import leaf_positions
 from fx_contact.forest.forest import Forest
-from fx_contact.geometry import hexahedron
+from fx_contact.geometry import hexahedron, lattice
 from fx_contact.items.contact import ContactPair
 from fx_contact.parallel.arrays import FloatArray, Int64Array, IntArray
 from fx_contact.plot.canvas import on_first
@@ -36,9 +36,7 @@ def visible_faces(
     corners = position[near][:, hexahedron.FACE_CORNERS]
     rounding = 1e-9 * np.ptp(forest.mesh.points)
     in_plane = cut & (np.abs(corners[..., 1] - centre[1]) < rounding).all(axis=2)
-    leaf, face = forest.boundary_faces(np.argwhere(forest.mesh.face_neighbours == 1))
-    outer = np.zeros((len(forest), 6), dtype=bool)
-    outer[leaf, face] = True
+    outer = lattice.root_faces(forest.anchor, forest.level) & (forest.mesh.face_neighbours == 1)[forest.cell]
     leaf, face = np.nonzero(in_plane | outer[near])
     return np.flatnonzero(near)[leaf], face
 
