@@ -155,7 +155,9 @@ def test_no_contact():
     """Blocks that end 0.25 apart; touching is contact."""
     warning = warned(on_a_block(down=0.25, gap=0.5))["no contact"]
     assert abs(warning.value - 0.25) < 1e-9 and warning.place == (0.0, 0.0, 0.0)
-    assert "the smallest distance of points that face each other is 0.25" in warning.message
+    assert "the smallest distance of points that face each other is 0.25 in units of the mesh" in warning.message
+    in_mm = replace(on_a_block(down=0.25, gap=0.5), units=("mm", "MPa"))
+    assert "face each other is 0.25 mm, at" in warned(in_mm)["no contact"].message
     assert not warned(on_a_block(down=0.51, gap=0.5))
     warning = warned(punch(displacement=1.0, gap=10.0, coarse=2))["no contact"]
     assert abs(warning.value - 9.0) < 1e-9 and warning.place == (0.0, 0.0, 0.0), "at the pole, not across the rim"

@@ -49,6 +49,11 @@ def unit_of(quantity: str, units: Units) -> str:
     return {"length": length, "area": f"{length}²", "stress": stress, "force": force}.get(quantity, "")
 
 
+def of_lengths(units: Units) -> str:
+    """Name of the unit of length, for messages."""
+    return unit_of("length", units) or "in units of the mesh"
+
+
 def labelled(text: str, quantity: str, units: Units) -> str:
     """A text with the unit of its quantity in brackets, if that is known."""
     unit = unit_of(quantity, units)

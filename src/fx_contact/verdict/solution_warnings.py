@@ -24,6 +24,7 @@ from fx_contact.forest.forest import Forest
 from fx_contact.geometry import hexahedron
 from fx_contact.geometry.lattice import SIDE
 from fx_contact.items.boundary_conditions import BodyForce
+from fx_contact.items.units import of_lengths
 from fx_contact.law.tangents import tangential_vectors
 from fx_contact.parallel.arrays import FloatArray
 from fx_contact.parallel.validation import percent
@@ -147,7 +148,7 @@ def _sliding(state: SolvedState, rows: ConstraintRows) -> Iterator[ModelWarning]
             message = (
                 f"closed nodes of {names} have moved past each other by {value:.3g} in the mean, and their {kind} has "
                 f"a radius of {radius:.3g}: they act on each other as if they still faced each other; limit "
-                f"{limit:.3g}, in units of the mesh"
+                f"{limit:.3g} {of_lengths(state.scene.units)}"
             )
             yield ModelWarning("sliding", value, limit, place, message)
 
@@ -177,7 +178,7 @@ def _no_contact(state: SolvedState, rows: ConstraintRows) -> ModelWarning:
     gap = 0.0 - largest
     message = (
         "no node pair is closed: the bodies do not press each other; the smallest distance of points that face each "
-        f"other is {gap:.3g}, in units of the mesh, at {_shown(place)}"
+        f"other is {gap:.3g} {of_lengths(state.scene.units)}, at {_shown(place)}"
     )
     return ModelWarning("no contact", gap, 0.0, place, message)
 
@@ -211,7 +212,8 @@ def _initial_overlaps(state: SolvedState, rows: ConstraintRows) -> list[ModelWar
         return []
     message = (
         f"bodies penetrate each other by {value:.3g} before anything moves, {value / extent:.0%} of the extent of "
-        f"{name!r} along the normal, at {_shown(place)}; limit {INITIAL_OVERLAP * extent:.3g}, in units of the mesh"
+        f"{name!r} along the normal, at {_shown(place)}; limit {INITIAL_OVERLAP * extent:.3g} "
+        + of_lengths(state.scene.units)
     )
     return [ModelWarning("initial overlap", value, INITIAL_OVERLAP * extent, place, message)]
 
