@@ -1,9 +1,9 @@
 """The ladder of preconditioners: the first one, and its replacements where a Krylov method is slow or fails.
 
-1. The preconditioner of the user, else p-multigrid at degree 2 and BoomerAMG at degree 1.  Below p-multigrid stand
-   Cholesky factors of a coarse level of at most `COARSE` unknowns, else BoomerAMG.
+1. The preconditioner of the user, else p-multigrid at degree 2 and algebraic multigrid at degree 1.  Below p-multigrid
+   stand Cholesky factors of a coarse level of at most `COARSE` unknowns, else algebraic multigrid.
 2. MUMPS' Cholesky factors, once a solve has taken `patience` iterations, unless the user has chosen a preconditioner.
-3. Where the method fails: Cholesky factors if the memory holds them, else a stronger BoomerAMG.
+3. Where the method fails: Cholesky factors if the memory holds them, else a stronger BoomerAMG if PETSc has hypre.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fx_contact.linalg.p_multigrid import CoarseLevel
-from fx_contact.linalg.solver_options import Solver, preconditioner_options
+from fx_contact.linalg.solver_options import ALGEBRAIC, Solver, preconditioner_options
 from fx_contact.parallel.memory import shortage
 
 #: Most unknowns of a coarse level that is factorised.  At 37,000 the factors of solid bodies take 10 us an unknown and
@@ -34,7 +34,7 @@ FACTORISATIONS = (PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU)
 
 def first_name(solver: Solver, coarse: CoarseLevel | None) -> str:
     """The key of `PRECONDITIONERS` of the first one.  Local."""
-    return solver.preconditioner or ("boomeramg" if coarse is None else "p-multigrid")
+    return solver.preconditioner or (ALGEBRAIC if coarse is None else "p-multigrid")
 
 
 def first_options(
@@ -59,7 +59,8 @@ def patience(solver: Solver, unknowns: int, of_user: dict[str, Any]) -> int | No
 
 def fallback(comm: MPI.Intracomm, unknowns: int, present: str) -> str | None:
     """The preconditioner that replaces the present one where it fails; None: there is none.  Collective on comm."""
-    name = FALLBACKS[0 if can_be_made(comm, unknowns) else 1]
+    robust = FALLBACKS[1] if ALGEBRAIC == "boomeramg" else None
+    name = FALLBACKS[0] if can_be_made(comm, unknowns) else robust
     return None if present in (FALLBACKS[0], name) else name
 
 

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+from petsc4py import PETSc
+
 from fx_contact.parallel.errors import SceneError
 from fx_contact.parallel.validation import check_count, check_name, check_number, shown
 
@@ -41,12 +43,15 @@ PRECONDITIONERS: dict[str, dict[str, Any]] = {
         "pc_hypre_boomeramg_strong_threshold": 0.25,
         "pc_hypre_boomeramg_relax_type_all": "symmetric-SOR/Jacobi",
     },
+    "gamg": {"pc_type": "gamg"},
     "cholesky": {
         "pc_type": "cholesky",
         "pc_factor_mat_solver_type": "mumps",
         "mat_mumps_icntl_14": 80,  # room for delayed pivots [%]
     },
 }
+#: Algebraic multigrid: PETSc's own where PETSc has no hypre, as in wheels, at up to 1.1 times the CPU seconds.
+ALGEBRAIC = "boomeramg" if PETSc.Sys.hasExternalPackage("hypre") else "gamg"
 #: Options of p-multigrid where the smoother solves for blocks of nodes.
 _BLOCKS = {
     "mg_levels_pc_type": "asm",
@@ -67,11 +72,11 @@ def preconditioner_options(name: str, unknowns: int, blocks: bool = False, facto
     """PETSc options, without prefix, of a key of `PRECONDITIONERS` for so many unknowns on all ranks.
 
     Local.  For p-multigrid: whether the smoother solves for blocks of nodes, and whether Cholesky factors take the
-    place of BoomerAMG below it.
+    place of algebraic multigrid below it.
     """
     options = PRECONDITIONERS[name]
     if name == "p-multigrid":
-        below = preconditioner_options("cholesky" if factors else "boomeramg", unknowns // 8)
+        below = preconditioner_options("cholesky" if factors else ALGEBRAIC, unknowns // 8)
         coarse = {f"mg_coarse_{option}": value for option, value in below.items()}
         return options | (_BLOCKS if blocks else {}) | coarse
     return options | _OF_FEW if name == "boomeramg" and unknowns <= _FEW else options
@@ -82,7 +87,7 @@ class Solver:
     """Options of the linear solver.
 
     Attributes:
-        preconditioner: a key of `PRECONDITIONERS`; None: "boomeramg" at degree 1, "p-multigrid" at degree 2.
+        preconditioner: a key of `PRECONDITIONERS`; None: `ALGEBRAIC` at degree 1, "p-multigrid" at degree 2.
             After a failure Cholesky factors replace it, or for lack of memory "boomeramg-robust".  For nearly
             incompressible bodies at degree 2 it is that of the matrix of the mixed form (`mixed_form`), for FGMRES.
         tolerance: error of the displacement, in the norm of the preconditioned operator, relative to the
@@ -96,7 +101,7 @@ class Solver:
             under the prefix `fx_`, overrides them.
 
     Raises:
-        SceneError: an unknown preconditioner, a tolerance above 1e-3, or a loose one not between it and 1; options that
+        SceneError: an unknown preconditioner, or one of hypre where PETSc has none, a tolerance above 1e-3, or a loose one not between it and 1; options that
             are no dict.
     """
 
@@ -110,6 +115,8 @@ class Solver:
     def __post_init__(self) -> None:
         if self.preconditioner is not None:
             check_name("preconditioner", self.preconditioner, PRECONDITIONERS)
+            if PRECONDITIONERS[self.preconditioner]["pc_type"] == "hypre" and ALGEBRAIC == "gamg":
+                raise SceneError(f"PETSc has no hypre here, which {self.preconditioner!r} needs: take 'gamg'")
         for name in ("tolerance", "loose_tolerance"):
             object.__setattr__(self, name, check_number(f"the solver's {name}", getattr(self, name), positive=True))
         if self.tolerance > _LOOSEST:
