@@ -68,7 +68,7 @@ Default = Any
 
 #: Choices of options; the library checks them and suggests the nearest.
 METHODS, CONTROLS = "{exact,penalty}", "{contact,energy}"
-PARTITIONS, PRECONDITIONERS = "{contact-sfc,equidistributed,sfc,graph}", "{boomeramg,ilu,cholesky,p-multigrid}"
+PARTITIONS, PRECONDITIONERS = "{contact-sfc,equidistributed,sfc,graph}", "{boomeramg,gamg,ilu,cholesky,p-multigrid}"
 
 
 class RankZeroParser(argparse.ArgumentParser):

@@ -101,8 +101,8 @@ class Solver:
             under the prefix `fx_`, overrides them.
 
     Raises:
-        SceneError: an unknown preconditioner, or one of hypre where PETSc has none, a tolerance above 1e-3, or a loose one not between it and 1; options that
-            are no dict.
+        SceneError: an unknown preconditioner, or one of hypre where PETSc has none; a tolerance above 1e-3, or a loose
+            one not between it and 1; options that are no dict.
     """
 
     preconditioner: str | None = None
