@@ -40,8 +40,7 @@ def model():
         for _, face in gmsh.model.getBoundary(quarter, oriented=False):
             _, _, bottom, right, back, top = np.round(gmsh.model.getBoundingBox(2, face), 3)
             side = "x = 0" if right == 0 else "y = 0" if back == 0 else "end" if bottom == 60 else "free"
-            if gmsh.model.getType(2, face) == "Cylinder":
-                side = f"radius {top:g}"
+            side = f"radius {top:g}" if gmsh.model.getType(2, face) == "Cylinder" else side
             sides.setdefault(f"{body} {side}", []).append(face)
     for name, faces in sides.items():
         gmsh.model.addPhysicalGroup(2, faces, name=name)

@@ -226,13 +226,16 @@ def test_preconditioner_does_not_matter(small, solver):
 
 
 def test_root_mesh_is_a_ball():
-    """The half-balls' polar surface leaves the sphere by an error of the order of the mesh, and is symmetric."""
-    off = []
+    """The half-balls' polar surface leaves the sphere by an error of the order of the mesh, less so near the pole."""
+    off, near = [], []
     for order in (2, 3, 6):
         mesh = hertz(order=order).mesh
         points = mesh.facet_points(mesh.surfaces["lower pole"], order=9).reshape(-1, 3)
-        off.append(np.abs(np.linalg.norm(points - [0, 0, -1], axis=1) - 1).max())
+        distance = np.abs(np.linalg.norm(points - [0, 0, -1], axis=1) - 1)
+        off.append(distance.max())
+        near.append(distance[np.hypot(points[:, 0], points[:, 1]) < 0.2].max())
         nodes = mesh.points
         mirrored = nodes[:, [1, 0, 2]]
         assert cKDTree(nodes).query(mirrored)[0].max() < 1e-9
-    assert off[0] < 5e-5 and off[1] < 5e-6 and off[2] < 1e-9
+    assert off[0] < 2e-4 and off[1] < 5e-6 and off[2] < 1e-9
+    assert near[0] < 6e-6 and near[1] < 2e-6 and near[2] < 1e-12

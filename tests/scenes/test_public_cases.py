@@ -153,7 +153,7 @@ def rods(rod, tube, pull=0.0):
     record = pressed(
         "rods",
         shapes,
-        {name: Material({"cap": 2.1e11, "sleeve": 70e3}.get(name, 210e3), 0.0) for name in shapes},
+        {name: Material({"cap": 7e9, "sleeve": 70e3}.get(name, 210e3), 0.0) for name in shapes},
         (*held, *(Dirichlet(f"{name} bottom", z=0.0) for name in ("rod", "tube", "sleeve"))),
         ContactPair("sleeve top", "cap bottom"),
         Pressure("cap top", -pull / (np.pi * 24**2)) if pull else (),
