@@ -88,6 +88,7 @@ def test_step_part_is_in_balance(tmp_path, monkeypatch):
     path = DEMOS / "step_part.py"
     assert is_short(path)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", [str(path)])
     found = runpy.run_path(str(path))
     mesh, step = found["scene"].mesh, found["step"]
     for side, radius in (("bolt radius 12", 12.0), ("pin radius 11.9", 11.9)):
