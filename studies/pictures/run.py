@@ -39,7 +39,8 @@ def demo(name):
 def of_demo(name):
     """What a demo defines."""
     sys.path.insert(0, str(DEMOS))
-    found = runpy.run_path(str(DEMOS / f"{name}.py"))
+    sys.argv[:] = [str(DEMOS / f"{name}.py")]
+    found = runpy.run_path(sys.argv[0])
     sys.path.remove(str(DEMOS))
     return found
 
