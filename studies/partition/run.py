@@ -10,7 +10,6 @@ It leaves in results/partition table.csv, model.csv, kernels.csv, quality.csv an
 """
 
 import argparse
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,10 +34,7 @@ from studies.partition.tables import model, table
 
 #: Benchmarks: how to make the scene on one rank, the tolerances of the run and of the large one, unknowns in the paper,
 #: half width of the picture [m].
-BENCHMARKS = {
-    "hertz": (partial(hertz, comm=MPI.COMM_SELF), (0.07, 0.035), 18.3e6, 0.25),
-    "indentation": (indentation, (0.1, 0.051), 295.9e6, 1.0),
-}
+BENCHMARKS = {"hertz": (hertz, (0.07, 0.035), 18.3e6, 0.25), "indentation": (indentation, (0.1, 0.051), 295.9e6, 1.0)}
 #: Tolerance of the runs in which the kernels are measured.
 TOLERANCE = 0.05
 COMM = MPI.COMM_WORLD

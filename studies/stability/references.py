@@ -4,16 +4,13 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from mpi4py import MPI
 from scipy.interpolate import PchipInterpolator
 
-from fx_contact import scenes
 from fx_contact.results.analytic import Hertz
-from fx_contact.scenes import punch, stack
+from fx_contact.scenes import hertz, punch, stack
 from studies.stability.cases import Exact
 from studies.stability.shapes import PLAIN
 
-hertz = partial(scenes.hertz, comm=MPI.COMM_SELF)
 #: Force of the project's first benchmark: an axisymmetric computation, which does not use this program.
 HERTZ_A = Exact(force=5.37755e-4, approach=0.01, curved=True, unsure=1e-5)
 #: By how much half-spheres pressed by their flat faces, free sideways, are stiffer than Hertz's half-spaces, over

@@ -1,12 +1,10 @@
 """The partition study from end to end on small meshes: scores, kernels, prediction, tables, pictures."""
 
 import sys
-from functools import partial
 from pathlib import Path
 
 import pytest
 from conftest import WORLD, everywhere
-from mpi4py import MPI
 
 from fx_contact.forest.partition import KINDS
 from fx_contact.scenes import hertz
@@ -18,7 +16,7 @@ from studies.tables import read
 @pytest.fixture
 def study(monkeypatch):
     """The module of the demo, with one small benchmark."""
-    small = {"hertz": (partial(hertz, comm=MPI.COMM_SELF), (0.3, 0.3), 18.3e6, 0.25)}
+    small = {"hertz": (hertz, (0.3, 0.3), 18.3e6, 0.25)}
     monkeypatch.setattr(partition_study, "BENCHMARKS", small)
     monkeypatch.setattr(partition_study, "TOLERANCE", 0.3)
     return partition_study
