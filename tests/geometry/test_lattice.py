@@ -151,7 +151,7 @@ def test_most_cells():
     keys = names.keys(np.array([0, 249_999]), np.broadcast_to(grid(line), (2, 27, 3)))
     assert keys.min() >= 0 and len(np.unique(keys)) == 54
     more = np.arange(8 * 263_000).reshape(-1, 8)
-    with pytest.raises(GeometryError, match="263000 cells"):
+    with pytest.raises(GeometryError, match="263,000 cells"):
         Lattice(SimpleNamespace(cells=more, corners=more))
 
 
