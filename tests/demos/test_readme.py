@@ -42,6 +42,7 @@ RUN = (
 SKIPPED = {
     r"tests/run.*|tests/launcher": "it runs this test too",
     r"docs/build": "it needs a root of its own",
+    r"python3\.12 -m venv env|env/bin/.*": "gigabytes from the package index: a job of the workflow",
     r"(mpirun -n \d )?python3 demos/own_gmsh_model\.py": "test_ready_scenes runs it",
     r"(mpirun -n \d )?python3 demos/step_part\.py": "test_own_shapes runs it",
     rf"python3 {SHAPES}.*": "test_own_shapes runs it",
