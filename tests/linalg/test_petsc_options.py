@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from conftest import WORLD, outside
 
-from fx_contact import Solver, adapt
-from fx_contact.linalg import petsc_objects
+from fx_contact import SceneError, Solver, adapt
+from fx_contact.linalg import ladder, petsc_objects, solver_options
 from fx_contact.parallel.timing import STAGES
 from fx_contact.scenes import patch
 
@@ -67,6 +67,19 @@ def test_options_of_a_dict_and_of_the_command_line():
 def test_record_names_what_was_used(solver, used):
     """Not what the program would have taken, where options have put another preconditioner in its place."""
     assert next(adapt(patch(cells=(1, 1, 2)), 0.1, solver=Solver(**solver))).record.preconditioner == used
+
+
+def test_without_hypre(monkeypatch):
+    """As with PETSc of wheels: degree 1 and large coarse levels take GAMG, what needs hypre is refused or left out."""
+    for module in (ladder, solver_options):
+        monkeypatch.setattr(module, "ALGEBRAIC", "gamg")
+    with pytest.raises(SceneError, match="no hypre here, which 'ilu' needs: take 'gamg'"):
+        Solver("ilu")
+    assert next(adapt(patch(cells=(1, 1, 2)), 0.1, degree=1)).record.preconditioner == "gamg"
+    assert solver_options.preconditioner_options("p-multigrid", 10**6)["mg_coarse_pc_type"] == "gamg"
+    assert ladder.fallback(WORLD, 100, "gamg") == "cholesky"
+    monkeypatch.setattr(ladder, "shortage", lambda *_: "no memory")
+    assert ladder.fallback(WORLD, 100, "gamg") is None
 
 
 @pytest.mark.parametrize("smoother", ["l1scaled-Jacobi", "Chebyshev"])
