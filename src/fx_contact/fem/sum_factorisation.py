@@ -72,12 +72,13 @@ def matrix_free(
 
 
 def energy_norm(elasticity: Elasticity, matrix: BlockMatrix, volume: VolumeTerm | None) -> EnergyNorm:
-    """omega (4) of displacements by a matrix and the term beside it, or by an integral.  Local."""
+    """omega (4) of displacements by a matrix and the term beside it, or by an integral.  Local, the result not."""
     operator = matrix.operator
     if operator is None:
         return elasticity.energy_norm
 
     def of(u: FloatArray) -> float:
+        """omega of (owned, 3) [m]: [J^(1/2)].  Collective on matrix.comm."""
         beside = 0.0 if volume is None else float(volume.missing @ volume.strains(u) ** 2)
         return float(np.sqrt(max(matrix.comm.allreduce(operator.energy(u) + beside), 0.0)))
 

@@ -298,7 +298,7 @@ def check_value(what: str, value: ScalarValue | VectorValue, components: int) ->
 
 
 def called(what: str, function: Callable[[FloatArray], Any], points: FloatArray) -> Any:
-    """What a user's function gives for points (n, 3) [m].  Raises SceneError for one that takes no array of them."""
+    """Values of a user's function at points (n, 3) [m].  Local.  Raises SceneError if it takes no array of them."""
     try:
         return function(points.T.copy())
     except (TypeError, ValueError) as error:

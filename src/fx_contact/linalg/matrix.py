@@ -101,7 +101,7 @@ class BlockMatrix:
 
     @property
     def operator(self) -> CellOperator | None:
-        """What is applied cell by cell; None: all entries are stored."""
+        """The operator applied cell by cell; None: all entries are stored."""
         beside = _sum_of(self.mat)
         return None if beside is None else beside.operator
 

@@ -61,9 +61,11 @@ def _half_balls(radius: float, order: int, coarse: int, symmetry: str) -> RootMe
     rounding = _ON * radius
 
     def near_pole(x: FloatArray) -> BoolArray:
+        """Within the block around the pole, in the frame of `ball`."""
         return np.abs(x[:2]).max(axis=0) <= (1 + _ON) * x[2]
 
     def axis(x: FloatArray) -> BoolArray:
+        """On the axis of the half-balls."""
         return np.hypot(x[0], x[1]) < rounding
 
     def line(x: FloatArray) -> BoolArray:

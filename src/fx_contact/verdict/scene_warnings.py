@@ -14,7 +14,7 @@ from fx_contact.scene.rigid_faces import RigidFace
 from fx_contact.scene.scene import Scene
 from fx_contact.verdict.model_warning import LARGE, MISSED, ModelWarning
 
-#: Largest ratio of moduli in one unit: steel on a soft gel has 1e5; Pa taken for MPa make 1e6 [-].
+#: Largest ratio of moduli in one unit: steel on rubber of 2 MPa has 1e5; Pa taken for MPa make 1e6 [-].
 UNLIKE = 1e5
 
 
