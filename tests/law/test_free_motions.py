@@ -293,6 +293,15 @@ def test_a_small_force_beside_large_ones():
         next(adapt(replace(scene, body_forces=BodyForce("cube 1", (0.1, 0, 0))), 0.3))
 
 
+def test_a_small_force_beside_a_displacement():
+    """Forces of prescribed displacements hide no load that moves bodies across."""
+    held = Dirichlet("cube 0 bottom", z=0), Dirichlet("cube 1 top", z=-0.01)
+    scene = stack(2, contact=stack(2).contact[1:], tractions=(), dirichlet=held)
+    assert "along x" in solve(scene, 0.3, max_steps=1).record.free_motions["cube 1"]
+    with pytest.raises(SolveError, match="nothing holds body 'cube 1' along x: a load drives"):
+        next(adapt(replace(scene, body_forces=BodyForce("cube 1", (1e-7, 0, 0))), 0.3))
+
+
 @pytest.mark.parametrize("cells", [1, 2])
 def test_a_ball_below_a_lid(cells):
     """Between a plane and a lid with a load: its mean normals at the poles are not quite vertical."""

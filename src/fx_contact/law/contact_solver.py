@@ -143,7 +143,7 @@ def solve_system(
         matrix.assemble()
         load, root = _impose(problem)
     if rows is None or jump is None:
-        free, left_out = _without_contact(problem, load)
+        free, left_out = _without_contact(problem)
         system = LinearSystem(problem, options.solver, stages, objects, left_out)
         with stages("solve"):
             u = system.solve(load, problem.supports.admissible(start), options.solver.tolerance)
@@ -220,7 +220,7 @@ def _first_guess(
     exact, most = options.enforcement.method == "exact", options.solver.max_contact
     bodies, loaded = problem.bodies, None
     if bodies is not None and len(bodies.rigid.free):
-        loaded = LoadedMotions(bodies, load, matrix, RowMotions.of(rows, turning=False).loads)
+        loaded = LoadedMotions(bodies, problem.load, matrix, RowMotions.of(rows, turning=False).loads)
     status = Unilateral(rows, loaded, u, most, exact, problem.before)
     if bodies is not None and not carried:
         u = move_bodies(bodies, matrix, load, jump, status.active * rows.capped_stiffness, u)
@@ -231,14 +231,14 @@ def _first_guess(
     return status, u
 
 
-def _without_contact(problem: ContactProblem, load: FloatArray) -> tuple[dict[str, str], FreeMotions | None]:
+def _without_contact(problem: ContactProblem) -> tuple[dict[str, str], FreeMotions | None]:
     """Free motions of bodies without contact, by name, and what leaves them out.  Collective.
 
     Raises SolveError: a load moves them.
     """
     if problem.bodies is None or not len(problem.bodies.rigid.free):
         return {}, None
-    loaded = LoadedMotions(problem.bodies, load, problem.matrix.mat)
+    loaded = LoadedMotions(problem.bodies, problem.load, problem.matrix.mat)
     loose = np.eye(len(problem.bodies.rigid.free))
     free = loaded.free(loose)
     if driven := loaded.driven(free, loose):

@@ -23,7 +23,7 @@ class LoadedMotions:
     Collective at its making, then local.
 
     Args:
-        load: (owned, 3) [N].
+        load: (owned, 3), without forces of prescribed displacements, which do no work in these motions [N].
         matrix: K, without contact.
         given: (m,), forces that drive m motions of interfaces [N].
 
